@@ -4,7 +4,7 @@
 
 namespace rubato {
 
-/// Whether all numbers are finite.
+/// True if all numbers are finite.
 [[nodiscard]] bool all_finite(std::span<const double> numbers);
 
 }  // namespace rubato

@@ -20,7 +20,7 @@ public:
   Interruptible(const Interruptible&) = delete;
   Interruptible& operator=(const Interruptible&) = delete;
 
-  /// Whether the flag of this thread's innermost one is set.
+  /// True if the flag of this thread's innermost one is set.
   [[nodiscard]] static bool asked() { return present() != nullptr && present()->load(std::memory_order_relaxed); }
 
   /// \throws Interrupted if it is

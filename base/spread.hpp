@@ -6,9 +6,10 @@
 
 namespace rubato {
 
-/// What is told of many values: their range, largest magnitude, root mean square, how far they stray from one of them;
-/// and how many of them are no numbers at all. Everything that Rubato tells of maxima, means and deviations is gathered
-/// here, so that a value that is not defined can be lost nowhere: it is counted, and takes no part in the rest.
+/// What is reported on many values: their range, largest magnitude, root mean square, how far they stray from one of
+/// them; and how many of them are no numbers at all. Everything that Rubato reports on maxima, means and deviations is
+/// gathered here, so that a value that is not defined can be lost nowhere: it is counted, and takes no part in the
+/// rest.
 ///
 /// The extremes are enough for every deviation |v - r|, whichever r turns out to be the reference: rounding is
 /// monotone, so that the largest of the rounded |v - r| is that of the least or of the greatest v.

@@ -14,8 +14,8 @@ namespace rubato {
 /// `save(StateWriter&)` writes, `restore(StateReader&)` reads back in the same order.
 class StateWriter {
 public:
-  /// Who reads it: whoever opens a record; or this process, which goes back to where it was. What several ranks share
-  /// is gathered for a record, and each keeps its part to go back to.
+  /// Who reads it: the caller that opens a record; or this process, which goes back to where it was. What several ranks
+  /// share is gathered for a record, and each keeps its part to go back to.
   enum class For { record, going_back };
   using Take = std::function<void(std::span<const double>)>;
   explicit StateWriter(For reader = For::record) : reader_(reader) {}

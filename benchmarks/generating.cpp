@@ -292,7 +292,7 @@ struct EccentricOrbit {
     ++steps;
     worst = std::max(worst, std::abs(evaluator.value(z) / -0.5 - 1.0));
   }
-  void tell(benchmark::State& state) const {
+  void write(benchmark::State& state) const {
     state.counters["energy_error"] = worst;
     state.counters["steps_per_revolution"] = static_cast<double>(steps) / revolutions;
   }
@@ -319,7 +319,7 @@ void eccentric_variable(benchmark::State& state) {
       orbit.judge(integrator.scheme().state().data());
     }
   }
-  orbit.tell(state);
+  orbit.write(state);
 }
 
 /// The same by Gauss collocation with equal steps: eccentricity, order, steps a revolution.
@@ -333,10 +333,10 @@ void eccentric_gauss(benchmark::State& state) {
       orbit.judge(method.state().data());
     }
   }
-  orbit.tell(state);
+  orbit.write(state);
 }
 
-/// The same with steps of η r^(3/2), which whoever knows Kepler's laws would choose: eccentricity, order, η in
+/// The same with steps of η r^(3/2), which the caller that knows Kepler's laws would choose: eccentricity, order, η in
 /// thousandths. Neither symplectic nor reversible; the error of the energy after a thousand revolutions shows it.
 void eccentric_gauss_adapted(benchmark::State& state) {
   EccentricOrbit orbit(0.01 * static_cast<double>(state.range(0)));
@@ -353,7 +353,7 @@ void eccentric_gauss_adapted(benchmark::State& state) {
   for ([[maybe_unused]] const auto iteration : state) {
     follow_for(EccentricOrbit::revolutions);
   }
-  orbit.tell(state);
+  orbit.write(state);
   follow_for(1000);
   state.counters["energy_error_after_1000"] = orbit.worst;
 }

@@ -1,10 +1,10 @@
-// The tables of docs/performance-tables.md: equal steps, the levels of the pure law where they all exist, those with a step
-// potential, and Gauss collocation that keeps H at equal steps (peers/energy_preserving_gauss.hpp), on the same orbits.
-// Prints Markdown.
+// The tables of docs/performance-tables.md: equal steps, the levels of the pure law where they all exist, those with a
+// step potential, and Gauss collocation that keeps H at equal steps (peers/energy_preserving_gauss.hpp), on the same
+// orbits. Prints Markdown.
 //
 //     build/benchmarks/benchmark_levels [repeats]
 //
-// evaluations   of the gradient or Hessian, at all stages of a step at once; the scout's are not counted
+// evaluations   of the gradient or Hessian, at all stages of a step at once; the look-ahead's are not counted
 // off the law   steps that do not meet the law of their row; for the rival those for which no α was found
 // H off by      max |H(z_k) - H(z_0)| over the levels
 // position      median over time of the distance max_i |q_i - q_i(t_k)| from the true orbit at the levels' own times,
@@ -12,7 +12,7 @@
 // equal H,      evaluations that errors as large as those of equal steps would take, in units of what these take, by
 // position      evaluations ~ 1/h and errors ~ h^s; of position after a tenth of the run, where it is still small;
 //               nothing where it is not, or where errors are rounding
-// CPU           least of the repeats, without the first step, which has the scout; in units of equal steps
+// CPU           least of the repeats, without the first step, which has the look-ahead; in units of equal steps
 //
 // First it checks the rival, and itself fails if that is not what it is to be.
 #include <time.h>
@@ -189,7 +189,7 @@ void judge(Row& row, const Case& problem, const Levels& levels, TrueOrbit& truth
   }
 }
 
-/// Runs to the end and counts; after(report) follows every step. The first step, with the scout, is not timed.
+/// Runs to the end and counts; after(report) follows every step. The first step, with the look-ahead, is not timed.
 template <typename Run, typename After>
 void count_steps(Run& run, Row& row, const After& after) {
   row.steps = row.off = 0;

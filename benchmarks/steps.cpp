@@ -53,8 +53,8 @@ struct Run {
   std::vector<std::string> settings;
 };
 
-/// Milliseconds of a whole run to the time of `steps` equal steps, what is done once (the scout, the choice of a step
-/// potential) included, construction not; the median of five, and the largest deviation of H.
+/// Milliseconds of a whole run to the time of `steps` equal steps, what is done once (the look-ahead, the choice of a
+/// step potential) included, construction not; the median of five, and the largest deviation of H.
 struct Price {
   double ms, deviation;
   long steps;

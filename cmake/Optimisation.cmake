@@ -33,7 +33,7 @@ set(rubato_sources_once
 set(rubato_sources_steps
   figures/statistics.cpp
   record/writer.cpp
-  run/chronicle.cpp run/ensemble_lanes.cpp run/ensemble_member.cpp run/events.cpp run/lattice_events.cpp run/lattice_residuals.cpp run/lattice_simulation.cpp
+  run/observed_run.cpp run/ensemble_lanes.cpp run/ensemble_member.cpp run/events.cpp run/lattice_events.cpp run/lattice_residuals.cpp run/lattice_simulation.cpp
   run/law.cpp run/memory_record.cpp run/orbit_events.cpp run/orbit_simulation.cpp run/recorder.cpp run/run.cpp)
 # rubato_kind_of(<source> <default> <variable>)
 function(rubato_kind_of source default result)

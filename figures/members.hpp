@@ -9,7 +9,7 @@
 
 #include <rubato/figures/text.hpp>
 
-/// The figures of an ensemble: how each is distributed over the members, as the table and the page tell it.
+/// The figures of an ensemble: how each is distributed over the members, as the table and the page show it.
 namespace rubato::figures {
 
 /// Of the values that are finite; quartiles lie between neighbours in proportion. Not numbers where there is none.

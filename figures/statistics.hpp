@@ -49,7 +49,7 @@ struct Deviation {
     }
     values.add(value);
   }
-  /// Whether the first value is defined, so that deviations from it are.
+  /// True if the first value is defined, so that deviations from it are.
   [[nodiscard]] bool has_initial() const { return initial - initial == 0.0; }
   /// max |value - initial| over the defined ones; 0 without a first value.
   [[nodiscard]] double max() const { return has_initial() ? values.farthest(initial) : 0.0; }
@@ -132,7 +132,7 @@ struct EventFigures {
 /// done on it since the start. Records are known by it.
 inline constexpr std::string_view work_momentum = "minus_work";
 
-/// What a run tells of how well each law held: every figure that the table of a run, `check`, `compare` and a report
+/// What a run reports on how well each law held: every figure that the table of a run, `check`, `compare` and a report
 /// print is computed here, from the same numbers, level by level and step by step, be it along the run or from its
 /// record (stored_statistics).
 ///
@@ -156,7 +156,7 @@ public:
   Spread rounding;   ///< of E_k, absolute
   Spread potential;  ///< f'(h), the step potential's part of E_k; 0 without one
   /// f' = strength (|h| / potential_length)^potential_exponent; not numbers without one, or where a record does not
-  /// tell.
+  /// show.
   ///@{
   double potential_length = std::numeric_limits<double>::quiet_NaN();
   double potential_exponent = std::numeric_limits<double>::quiet_NaN();
@@ -191,15 +191,15 @@ public:
 
   [[nodiscard]] bool has_clock() const { return clock == clock; }
   [[nodiscard]] bool has_laws() const { return !(residuals.empty() && invariants.empty() && totals.empty()); }
-  /// Whether there are levels at which no laws were taken, although they were at others.
+  /// True if there are levels at which no laws were taken, although they were at others.
   [[nodiscard]] bool has_gaps() const { return laws_every > 1; }
   /// How many steps' laws were taken.
   [[nodiscard]] std::size_t law_steps_taken() const { return laws_every == 0 ? 0 : steps / laws_every; }
-  /// Whether h was chosen by the law: false with fixed levels.
+  /// True if h was chosen by the law: false with fixed levels.
   [[nodiscard]] bool variable_levels() const { return condition.any() || off_law_steps > 0; }
-  /// Whether E_k has to equal one number for the run; not so for an 𝕃 that depends on t.
+  /// True if E_k has to equal one number for the run; not so for an 𝕃 that depends on t.
   [[nodiscard]] bool autonomous() const { return one_energy_; }
-  /// Whether any step met the law, so that there is an E.
+  /// True if any step met the law, so that there is an E.
   [[nodiscard]] bool has_law() const { return energy_ - energy_ == 0.0; }
   /// E of the law; of the first step where no step met it.
   [[nodiscard]] double energy() const { return has_law() ? energy_ : energies_.initial; }
@@ -207,7 +207,7 @@ public:
   [[nodiscard]] const Spread& energies() const { return energies_.values; }  ///< all E_k
   /// Steps that met the law.
   [[nodiscard]] std::size_t law_steps() const { return steps - off_law_steps; }
-  /// The Lyapunov exponent that tangent vector number i tells so far, and the mean exponential growth of nearby orbits,
+  /// The Lyapunov exponent that tangent vector number i shows so far, and the mean exponential growth of nearby orbits,
   /// MEGNO, averaged over the time: 2 on regular orbits, and λt/2 on chaotic ones. Not numbers before the first step.
   ///@{
   [[nodiscard]] double exponent(std::size_t i) const { return growth[i].value / tangents.time; }
@@ -224,7 +224,7 @@ public:
 
   /// max(|E|, max |H| on the orbit): what energies are relative to.
   [[nodiscard]] double energy_scale() const;
-  /// Whether that is more than rounding: a deviation relative to nothing says nothing.
+  /// True if that is more than rounding: a deviation relative to nothing says nothing.
   [[nodiscard]] bool has_energy_scale() const;
   /// A deviation of energy over energy_scale(), if there is one.
   [[nodiscard]] std::optional<double> relative(double deviation) const;

@@ -112,7 +112,7 @@ private:
     list = std::move(taken);
   }
 
-  /// What no row and no sum tells of.
+  /// What no row and no sum reports on.
   void add_others() {
     if (reader_.has("/states/momentum")) {
       const std::vector<std::string> momenta = reader_.read_strings("/states/momentum");

@@ -47,7 +47,7 @@ private:
   std::vector<double> values_;
 };
 
-/// The names of what a record tells of per level and per step.
+/// The names of what a record reports on per level and per step.
 struct Names {
   std::vector<std::string> invariants;  ///< /laws/NAME
   std::vector<std::string> totals;      ///< /laws/totals/NAME

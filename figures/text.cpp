@@ -87,7 +87,7 @@ JsonObject json(const std::vector<Named<T>>& values) {
   return object;
 }
 
-/// euler-box has none: it chooses no levels, and is told as 0.
+/// euler-box has none: it chooses no levels, and is reported as 0.
 bool has_gamma(const Statistics& statistics) {
   return statistics.gamma.any() && (statistics.variable_levels() || statistics.gamma.largest() != 0.0);
 }

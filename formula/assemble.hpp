@@ -16,7 +16,7 @@ namespace rubato::formula {
 struct Assembled {
   std::vector<std::byte> bytes;   ///< runs wherever it stands
   std::size_t entry = 0;          ///< of the function that leaves out the constants
-  bool writes_constants = false;  ///< whether the beginning is a function that writes them and goes on at the entry
+  bool writes_constants = false;  ///< true if the beginning is a function that writes them and goes on at the entry
   std::size_t work_size = 0;
   bool in_loops = false;
 };

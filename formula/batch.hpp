@@ -44,7 +44,7 @@ public:
   void operator()(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs);
 
   /// The same for few points that stay where they are and are evaluated often: run() evaluates at the places that
-  /// bind() was told, of which nothing is looked up again. At most 256 points.
+  /// bind() was reported, of which nothing is looked up again. At most 256 points.
   ///@{
   void bind(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs);
   void run();
@@ -54,7 +54,7 @@ public:
   [[nodiscard]] bool is_machine_code() const { return program_ != nullptr; }
 
 private:
-  /// Whether so many points are evaluated where the caller has them, not in a copy padded to whole vectors.
+  /// True if so many points are evaluated where the caller has them, not in a copy padded to whole vectors.
   [[nodiscard]] bool in_place(std::size_t points) const;
   void find_registers();
   void run_bound();
@@ -72,7 +72,7 @@ private:
   std::vector<unsigned char> in_place_;  ///< whether output j can be computed where the caller wants it
   std::vector<Chunk> work_;              ///< of machine code
 
-  /// What bind() was told and found.
+  /// What bind() was reported and found.
   struct Places {
     std::size_t points = 0;
     std::vector<const double*> inputs;
@@ -82,7 +82,7 @@ private:
       double* to;
     };
     std::vector<Copy> copies;  ///< outputs that cannot be computed where the caller wants them
-    bool stand = false;        ///< whether read_ and write_ are these still
+    bool stand = false;        ///< true if read_ and write_ are these still
     void (*all)(double* const*, double*, std::size_t, std::size_t) = nullptr;  ///< machine code that does it in one go
   };
   Places bound_;

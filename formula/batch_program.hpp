@@ -24,7 +24,7 @@ public:
   /// None where nothing is gained (most_stretches), or MachineCode::compile() would give none.
   [[nodiscard]] static std::shared_ptr<const BatchProgram> compile(const Bytecode& code, int lanes);
 
-  /// Whether a block may have any number of points, not just of whole vectors: where nothing is left to the kernel. The
+  /// True if a block may have any number of points, not just of whole vectors: where nothing is left to the kernel. The
   /// last points are then done by fours, by two and by one.
   [[nodiscard]] bool takes_any_number() const { return !narrow_.empty(); }
 

@@ -54,7 +54,8 @@ public:
   /// A process made by fork() has the same pages, and no room in them.
   [[nodiscard]] bool has_room_for(std::size_t size) const { return size <= size_ - used_ && process_ == getpid(); }
 
-  /// No place is used twice: tools that translate what they find at an address are told that it is gone when pages are.
+  /// No place is used twice: tools that translate what they find at an address are reported that it is gone when pages
+  /// are.
   const std::byte* add(std::span<const std::byte> code) {
     std::memcpy(written_ + used_, code.data(), code.size());
     const std::byte* const begin = executed_ + used_;

@@ -449,7 +449,7 @@ Expression where(Condition condition, Expression a, Expression b) {
   if (condition.or_equal) {  // a >= b: not b > a
     std::swap(a, b);
   }
-  // One of the two tells of an undefined condition: the other is left out where it is 0.
+  // One of the two reports on an undefined condition: the other is left out where it is 0.
   if (b.is_constant(0.0)) {
     return binary(Operation::where_positive, condition.difference, a);
   }

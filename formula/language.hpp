@@ -16,7 +16,7 @@ struct Function {
   std::string_view domain = "";  ///< where it is defined, if not everywhere
   bool variadic = false;
   std::string_view arguments = "x";  ///< as help writes them
-  /// Whether it gives way: a problem may have something of that name, and then it is no function there. So are all that
+  /// True if it gives way: a problem may have something of that name, and then it is no function there. So are all that
   /// came later than the first ones, and files that were written before them are read as they were.
   bool yields = false;
 };

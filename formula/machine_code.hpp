@@ -35,7 +35,7 @@ public:
   /// Writes every output; none where the constants among them are too many.
   [[nodiscard]] Function whole() const;
   [[nodiscard]] std::size_t work_size() const { return layout_.work_size; }
-  /// Whether most of it goes in loops over several numbers at a time (rolled_code.hpp).
+  /// True if most of it goes in loops over several numbers at a time (rolled_code.hpp).
   [[nodiscard]] bool in_loops() const { return layout_.in_loops; }
   [[nodiscard]] std::size_t bytes() const { return layout_.bytes; }  ///< of code and constants
 
@@ -44,7 +44,7 @@ private:
   Layout layout_;
 };
 
-/// Whether the environment lets formulas be compiled to machine code: RUBATO_JIT=0 says no, RUBATO_JIT=1 or nothing
+/// True if the environment lets formulas be compiled to machine code: RUBATO_JIT=0 says no, RUBATO_JIT=1 or nothing
 /// yes. \throws std::invalid_argument if it says something else
 [[nodiscard]] bool machine_code_wanted();
 

@@ -302,7 +302,7 @@ private:
     }
   }
 
-  /// Whether the name is the word of the language: whoever has something of that name means that.
+  /// Whether the name is the word of the language: the caller that has something of that name means that.
   [[nodiscard]] bool is_free(const Token& token) const { return !context_.resolve(token.text); }
 
   Expression parse_called(const Token& called) {

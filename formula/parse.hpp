@@ -51,9 +51,9 @@ struct ParseContext {
 /// The same where every name is a variable of the graph listed in `names`.
 [[nodiscard]] Expression parse(std::string_view text, Graph& graph, std::span<const std::string> names);
 
-/// Whether `name` matches `[A-Za-z_][A-Za-z0-9_]*` and is neither `pi` nor a function of the language.
+/// True if `name` matches `[A-Za-z_][A-Za-z0-9_]*` and is neither `pi` nor a function of the language.
 [[nodiscard]] bool is_valid_name(std::string_view name);
-/// Whether `name` is a function of the language, or `pi`.
+/// True if `name` is a function of the language, or `pi`.
 [[nodiscard]] bool is_reserved_name(std::string_view name);
 
 /// The entry of `known` nearest to `name` (edit distance at most 2 and less than half the length), for "did you mean

@@ -39,7 +39,7 @@ struct RolledCode {
   std::vector<std::uint32_t> place;  ///< by value: where it is kept for others; those of a run follow each other
   std::size_t places = 0;
   std::vector<Copy> copies;
-  /// Values that are outputs and are not written by whoever makes them: inputs, and runs in no order.
+  /// Values that are outputs and are not written by the caller that makes them: inputs, and runs in no order.
   std::vector<std::uint32_t> late;
 };
 

@@ -7,7 +7,7 @@
 
 namespace rubato::formula {
 
-/// Evaluates code at one point and carries with every value a bound of what rounding makes of it: a running error
+/// Evaluates code at one point and carries with every value a bound of its rounding error: a running error
 /// analysis of first order (Higham, Accuracy and Stability of Numerical Algorithms, section 3.3),
 ///
 ///     |computed - exact| ≤ u·bound (1 + O(u)),   u = 2⁻⁵³,
@@ -35,7 +35,7 @@ private:
   std::vector<double> values_, bounds_;  ///< of each register
 };
 
-/// How large a sum is at a point, and what rounding makes of it.
+/// How large a sum is at a point, and its rounding error.
 struct SumSize {
   double terms = 0.0;      ///< |sum|, or 3 % of the sum of the magnitudes of its terms where that is more
   double cancelled = 0.0;  ///< 3 % of what cancels in the sum, Σ|terms| - |sum|

@@ -9,7 +9,7 @@
 namespace rubato::formula {
 
 /// Code whose registers are written once: value i is an input, then a constant, then a result, in the order of the
-/// instructions. What reuses registers in the code is told apart.
+/// instructions. What reuses registers in the code is distinguished.
 struct SingleAssignment {
   struct Step {
     std::array<std::uint32_t, 3> operands{};  ///< values; of integer_power the second is its exponent

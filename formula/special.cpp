@@ -219,7 +219,7 @@ double amplitude(double u, double m) {
   const Jacobi at = jacobi(u, m);
   const double angle = std::atan2(at.sn, at.cn);
   const double quarter = elliptic_k(m);  // infinite for m = 1, where there is one branch
-  // am - πu/2K has the period 2K and stays below π/2, which tells the branch.
+  // am - πu/2K has the period 2K and stays below π/2, which shows the branch.
   constexpr double turn = 2.0 * std::numbers::pi;
   return std::isfinite(quarter) ? angle + turn * std::round((0.25 * u / quarter) - angle / turn) : angle;
 }

@@ -104,12 +104,12 @@ private:
 
   int order_;
   int next_ = 0;
-  bool fed_ = false;           ///< whether the next coefficients of the inputs come from feed_back()
-  bool uniform_ = false;       ///< whether the last coefficients of the inputs are the same in all lanes
+  bool fed_ = false;           ///< true if the next coefficients of the inputs come from feed_back()
+  bool uniform_ = false;       ///< true if the last coefficients of the inputs are the same in all lanes
   std::size_t lanes_, width_;  ///< width_: lanes with padding, which repeats the last lane
   std::size_t series_stride_;
   taylor::Program program_;
-  bool kinks_;                     ///< whether any step may lose its expansion at orders above 0
+  bool kinks_;                     ///< true if any step may lose its expansion at orders above 0
   std::vector<CacheLine> series_;  ///< aligned, so that no vector lies across two lines
   std::vector<double> weights_;
 

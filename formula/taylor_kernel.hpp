@@ -26,7 +26,7 @@ using Extend = void (*)(const Work& work, const Step* steps, const Group* begin,
 /// columns of `width`) acting on lanes.
 using FeedBack = void (*)(const Work& work, const double* matrix, std::size_t lanes, const std::uint32_t* outputs,
                           std::size_t count, int d);
-/// Whether the parts of order d of some series are finite.
+/// True if the parts of order d of some series are finite.
 using Finite = bool (*)(const Work& work, const std::uint32_t* some, std::size_t count, int d);
 
 struct Kernel {

@@ -27,7 +27,7 @@ struct Token {
 /// The names of all functions, words and constants, whether they may be given to something else or not.
 [[nodiscard]] const std::vector<std::string>& reserved_names();
 
-/// Whether a byte of UTF-8 text begins a character.
+/// True if a byte of UTF-8 text begins a character.
 [[nodiscard]] constexpr bool begins_character(char byte) {
   return (static_cast<unsigned char>(byte) & 0xC0U) != 0x80U;
 }

@@ -117,7 +117,7 @@ public:
   void pass_on(std::span<const double> out, std::span<double> in) const;
   /// Calls add() at one rank after the other, in the order of their parts, each of which goes on from the numbers that
   /// the one before has left; what the last one leaves are the numbers of all. So a sum is made of terms in an order
-  /// that does not depend on how many ranks there are, at the price of that many messages, one after the other.
+  /// that does not depend on how many ranks there are, at the cost of that many messages, one after the other.
   void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
   /// The same, of which the last rank alone has the numbers of all.
   void pass_along(std::span<double> numbers, const std::function<void()>& add) const;

@@ -18,7 +18,7 @@ namespace rubato::grids {
 
 /// The grid that a grid is a part of.
 [[nodiscard]] const Grid& whole_of(const Grid& grid);
-/// Whether all ranks say so.
+/// True if all ranks say so.
 [[nodiscard]] bool agreed_by_all(const Grid& grid, bool said);
 /// What rank 0 says.
 [[nodiscard]] bool agreed(const Grid& grid, bool said);

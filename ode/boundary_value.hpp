@@ -53,7 +53,7 @@ struct BoundaryValueSolution {
 /// symmetry has to be known.
 ///
 /// Free levels exist where (s+1)h^s η keeps its sign (theory, section 3). The orbit is found with equal levels first.
-/// That tells η; at order 2 the pure law is taken if η has one sign, with a margin. Else
+/// That shows η; at order 2 the pure law is taken if η has one sign, with a margin. Else
 ///
 ///     f'(h) = σ (s+1) μ h^s,
 ///

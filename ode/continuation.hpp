@@ -51,7 +51,7 @@ struct ContinuationOptions {
 /// of the parameter's component of the tangent. The step potential and the scales are those of the start.
 ///
 /// Breaks down: at bifurcations the branch taken is that of the tangent before; solutions that are not isolated for
-/// other reasons than symmetries are not told apart.
+/// other reasons than symmetries are not distinguished.
 /// \throws std::invalid_argument unless the parameter is one of the three, as make_segment_equation()
 [[nodiscard]] Branch follow_branch(const Hamiltonian& hamiltonian, EndConditions ends,
                                    const BoundaryValueSolution& start, const ContinuationOptions& options);

@@ -31,7 +31,7 @@ enum class DarbouxType { midpoint, euler_a, euler_b };
 /// finite and of size 2n × 2n
 void check_darboux_symmetric(const Eigen::MatrixXd& F, Eigen::Index n);
 
-/// Whether αᵀ [[0, -I], [I, 0]] α = [[J, 0], [0, -J]] (4.2), for α of size 4n × 4n, each entry to `tolerance` times the
+/// True if αᵀ [[0, -I], [I, 0]] α = [[J, 0], [0, -J]] (4.2), for α of size 4n × 4n, each entry to `tolerance` times the
 /// largest |α_ij|².
 [[nodiscard]] bool is_darboux(const Eigen::MatrixXd& alpha, double tolerance = 1e-12);
 
@@ -42,7 +42,7 @@ void check_darboux_symmetric(const Eigen::MatrixXd& F, Eigen::Index n);
 /// (4.5): α⁻¹ = [[(E - I)J, I], [EJ, I]]. \throws std::invalid_argument as check_darboux_symmetric
 [[nodiscard]] Eigen::MatrixXd normal_darboux_inverse(const Eigen::MatrixXd& F);
 
-/// Whether SᵀJS = J, each entry to `tolerance` times the largest |S_ij|².
+/// True if SᵀJS = J, each entry to `tolerance` times the largest |S_ij|².
 [[nodiscard]] bool is_symplectic(const Eigen::MatrixXd& S, double tolerance = 1e-10);
 
 /// σ_α(S) = (AS + B)(CS + D)⁻¹, a symmetric matrix, for α = [[A, B], [C, D]]. Defined for symplectic S (2n × 2n) with

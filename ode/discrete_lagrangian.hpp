@@ -33,7 +33,7 @@ struct ReducedAction {
 [[nodiscard]] ReducedAction reduced_lagrangian_action(const Hamiltonian& hamiltonian, std::string_view L,
                                                       const Hamiltonian::Parameters& parameters = {});
 
-/// Whether A depends on t_0 and t_1 through t_1 - t_0 alone: ∂A/∂t_0 + ∂A/∂t_1 = 0, tried at points scattered about
+/// True if A depends on t_0 and t_1 through t_1 - t_0 alone: ∂A/∂t_0 + ∂A/∂t_1 = 0, tried at points scattered about
 /// `corners`. If not, the discrete energy is not constant and (3.4) is its balance.
 [[nodiscard]] bool is_autonomous(DiscreteAction& action, std::span<const double> corners);
 

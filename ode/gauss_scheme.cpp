@@ -487,8 +487,8 @@ private:
     return Status::not_converged;
   }
 
-  /// What is left of a correction in the increment that the sweep before it told. Of q and p taken in turn the slopes
-  /// of p were told by the uncorrected q: they know as much as half a sweep more would.
+  /// What is left of a correction in the increment that the sweep before it reported. Of q and p taken in turn the
+  /// slopes of p were given by the uncorrected q: they know as much as half a sweep more would.
   [[nodiscard]] double left_after(double contraction) const {
     return by_halves() ? std::sqrt(contraction) : contraction;
   }

@@ -222,7 +222,8 @@ Status GeneratingFunction::extend_gradients(int terms) {
   return status;
 }
 
-/// The user wrote H, not its gradient: whether H itself fails along some line through w decides how a failure is told.
+/// The user wrote H, not its gradient: whether H itself fails along some line through w decides how a failure is
+/// reported.
 void GeneratingFunction::probe_energy() {
   formula::TaylorEvaluator energy(energy_code(state_->hamiltonian), 1);
   const std::span<const double> w = state_->expansion.centre(0);

@@ -46,7 +46,7 @@ public:
   [[nodiscard]] int terms() const;
   [[nodiscard]] std::size_t dimension() const;  ///< 2n
   [[nodiscard]] const Eigen::MatrixXd& F() const;
-  /// Whether φ^j = 0 for even j: F = 0.
+  /// True if φ^j = 0 for even j: F = 0.
   [[nodiscard]] bool odd() const;
 
   /// Everything at w. Status::undefined, with a failure() that says why, where H has no Taylor expansion at w (division
@@ -77,7 +77,7 @@ public:
   [[nodiscard]] double sum(double h, int s) const;
   [[nodiscard]] double sum_rate(double h, int s) const;
   [[nodiscard]] double sum_second_rate(double h, int s) const;  ///< ∂²_hΦ_s
-  /// What rounding makes of the terms of ∂_hΦ_s beyond the first, -H(w): an estimate.
+  /// The rounding error of the terms of ∂_hΦ_s beyond the first, -H(w): an estimate.
   [[nodiscard]] double rate_rounding(double h, int s) const;
   void gradient_sum(double h, int s, Eigen::Ref<Eigen::VectorXd> result) const;
   void gradient_sum_rate(double h, int s, Eigen::Ref<Eigen::VectorXd> result) const;

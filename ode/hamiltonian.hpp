@@ -69,7 +69,7 @@ public:
   [[nodiscard]] const formula::Bytecode& gamma_code() const { return *gamma_; }
   [[nodiscard]] formula::Expression gamma() const { return gamma_expression_; }
   ///@}
-  /// For a formula::SumSizeEvaluator: how large the terms of H are, and what rounding makes of H.
+  /// For a formula::SumSizeEvaluator: how large the terms of H are, and the rounding error of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
 
 private:

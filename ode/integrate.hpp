@@ -48,7 +48,7 @@ struct IntegrationOptions {
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
   Levels levels = Levels::variable;
   std::optional<OnSingular> on_singular = std::nullopt;  ///< plain; stated, it stands in place of the usual potential
-  /// That makes levels exist everywhere. Usually chosen by a scout, but for forward and custom 𝕃: none there.
+  /// That makes levels exist everywhere. Usually chosen by a look-ahead, but for forward and custom 𝕃: none there.
   StepPotentialChoice potential = {.kind = StepPotentialChoice::Kind::usual};
   double tolerance = 1e-13;  ///< of the level equation, relative
   std::size_t max_steps = 100'000'000;
@@ -103,7 +103,7 @@ struct EventCrossings {
   std::vector<Direction> direction = {};
   std::size_t undefined = 0;  ///< steps in which g was not a number somewhere: their crossings are not known
   std::size_t jumps = 0;      ///< jumps through zero, which are no crossings
-  bool stopped = false;       ///< whether it ended the integration
+  bool stopped = false;       ///< true if it ended the integration
 };
 
 /// An orbit in memory: level k at t[k] with q[k·n …], p[k·n …]; step k from level k to k+1.
@@ -145,7 +145,7 @@ struct OrbitEnd {
   std::vector<double> q, p;  ///< n entries each
   std::size_t steps = 0;
   double discrete_energy = 0.0;            ///< E: that of the first step that meets the law
-  double discrete_energy_deviation = 0.0;  ///< as Orbit tells them
+  double discrete_energy_deviation = 0.0;  ///< as Orbit shows them
   double node_energy_deviation = 0.0;
   std::vector<EventCrossings> events;
   Status status = Status::success;

@@ -58,7 +58,7 @@ public:
   [[nodiscard]] const formula::Bytecode& gradient_code() const { return *gradient_; }  ///< L, ∂L/∂q, ∂L/∂q̇
   /// The same, then the upper triangle of the Hessian in (q, q̇).
   [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
-  /// For a formula::SumSizeEvaluator: how large the terms of E are, and what rounding makes of E.
+  /// For a formula::SumSizeEvaluator: how large the terms of E are, and the rounding error of E.
   [[nodiscard]] const formula::Bytecode& energy_size_code() const { return *energy_size_; }
 
 private:

@@ -23,8 +23,8 @@ public:
   explicit LegendreTransform(const Lagrangian& lagrangian);
 
   /// Solves for q̇, from what q_dot holds (n entries each). Status::undefined where L is not defined on the way or
-  /// ∂²L/∂q̇² is singular (singular() tells), Status::not_converged
-  /// where ∂L/∂q̇ = p is not met to rounding, which a running error analysis of ∂L/∂q̇ tells.
+  /// ∂²L/∂q̇² is singular (singular() shows), Status::not_converged
+  /// where ∂L/∂q̇ = p is not met to rounding, which a running error analysis of ∂L/∂q̇ shows.
   [[nodiscard]] Status solve(const double* q, const double* p, double* q_dot);
   [[nodiscard]] bool singular() const { return singular_; }
 
@@ -37,7 +37,7 @@ public:
   [[nodiscard]] bool acceleration(double* q_ddot);
   ///@}
 
-  /// Whether ∂²L/∂q̇² (n × n) has an inverse, whatever the units of coordinates.
+  /// True if ∂²L/∂q̇² (n × n) has an inverse, whatever the units of coordinates.
   [[nodiscard]] bool is_regular(const Eigen::Ref<const Eigen::MatrixXd>& masses);
 
 private:

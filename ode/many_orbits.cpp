@@ -109,12 +109,12 @@ private:
       if (ends[i].alone) {
         alone(numbers[i]);
       } else {
-        tell(ends[i], ends_[numbers[i]]);
+        write(ends[i], ends_[numbers[i]]);
       }
     }
   }
 
-  static void tell(const SplittingLanes::End& from, OrbitEnd& end) {
+  static void write(const SplittingLanes::End& from, OrbitEnd& end) {
     const auto n = static_cast<std::ptrdiff_t>(from.z.size() / 2);
     end.t = from.t;
     end.q.assign(from.z.begin(), from.z.begin() + n);

@@ -124,7 +124,7 @@ public:
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] formula::SumSize energy_size() override {
     z_.displaced(0.5, delta_, point_);
-    // z_k is rounded where it is told, and so is the middle; what that makes of the rest of the step comes on top.
+    // z_k is rounded where it is reported, and so is the middle; what that makes of the rest of the step comes on top.
     rounding_point_ = 2.5 * (point_.cwiseAbs() + delta_.cwiseAbs());
     return energy_size_(as_span(point_), as_span(rounding_point_));
   }

@@ -16,7 +16,7 @@ namespace rubato {
 /// families have -24 η in its place (theory, section 8), where that is known in closed form.
 class NodeLaw {
 public:
-  /// Γ is `factor` times fᵀH_zz f; with a factor that is NaN nothing is known of it, and Γ is told as NaN.
+  /// Γ is `factor` times fᵀH_zz f; with a factor that is NaN nothing is known of it, and Γ is reported as NaN.
   explicit NodeLaw(const Hamiltonian& hamiltonian, double factor = 1.0) : evaluator_(hamiltonian), factor_(factor) {}
   /// \throws std::invalid_argument as generating_order and GeneratingFunction
   NodeLaw(const Hamiltonian& hamiltonian, const Eigen::MatrixXd& F, int order)

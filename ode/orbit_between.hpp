@@ -17,7 +17,7 @@ namespace rubato {
 ///   missing: z(θ) = ψ_{θh}(z_k) + θ (z_{k+1} - ψ_h(z_k));
 /// - of other two-step forms (forward and custom 𝕃) the cubic of Hermite with J∇H at both levels, off by O(h⁴).
 ///
-/// It reads two levels and h alone, so that what a run tells can be told again from its record.
+/// It reads two levels and h alone, so that what a run shows can be recomputed from its record.
 class OrbitBetween {
 public:
   /// \param starting_pair whether the run began from one, and so has a parasite

@@ -29,7 +29,7 @@ struct OrbitStep {
 /// What is found in a step follows from its two levels, and from what save() writes of the steps before.
 class OrbitEvents {
 public:
-  /// `arguments`: the variables of all formulas: coordinates, velocities where `velocities` tells them, momenta, and t,
+  /// `arguments`: the variables of all formulas: coordinates, velocities where `velocities` shows them, momenta, and t,
   /// unless that is one of the coordinates.
   /// `rates`: of the Hamiltonian, for an orbit that is stated by one; null otherwise.
   OrbitEvents(OrbitBetween between, std::vector<formula::Expression> arguments, std::optional<Hamiltonian> rates,
@@ -41,18 +41,18 @@ public:
   [[nodiscard]] std::size_t size() const { return events_.size(); }
 
   void begin(std::span<const double> z, double t);
-  /// All of a step: what is told below is then of it.
+  /// All of a step: what is reported below is then of it.
   void follow(const OrbitStep& step);
   /// The same, where g and its rate, dg/dfraction, at both levels are known of every event.
   void follow(const OrbitStep& step, std::span<const CrossingSearch::Sample> from,
               std::span<const CrossingSearch::Sample> to);
 
   [[nodiscard]] const std::vector<Crossing>& crossings(std::size_t event) const { return *events_[event].found; }
-  /// Whether g was not a number somewhere in the step.
+  /// True if g was not a number somewhere in the step.
   [[nodiscard]] bool undefined(std::size_t event) const { return events_[event].search.undefined(); }
   /// g at the last state that was looked at by begin().
   [[nodiscard]] double value_at_start(std::size_t event) const { return events_[event].first; }
-  /// z at a fraction of a step. Not a number where it cannot be told. Valid until the next call.
+  /// z at a fraction of a step. Not a number where it cannot be reported. Valid until the next call.
   [[nodiscard]] std::span<const double> state(const OrbitStep& step, double fraction);
   /// What formulas are given at a state. Valid until the next call.
   [[nodiscard]] std::span<const double> arguments(std::span<const double> z, double t);

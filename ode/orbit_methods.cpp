@@ -33,7 +33,7 @@ const OrbitMethod all_methods[] = {
                   std::span<const double> z_0) { return make_midpoint_scheme(H, z_0); },
      .quadrature = [](const SegmentLagrangian&) { return ActionQuadrature(Points::gauss, 1); },
      .action = [](const Hamiltonian& H, const SegmentLagrangian&) { return stated(midpoint_action(H)); }},
-    // The orbit is left within a few steps, which a scout would not survive.
+    // The orbit is left within a few steps, which a look-ahead would not survive.
     {.name = "forward",
      .takes_potential = false,
      .action = [](const Hamiltonian& H, const SegmentLagrangian&) { return stated(forward_action(H)); }},

@@ -60,10 +60,10 @@ struct OrbitMethod {
   std::string_view name;
   bool has_stages = false;
   bool has_compositions = false;
-  bool has_orders = false;  ///< whether [scheme] has to give an order
-  /// Whether a step potential is chosen where a problem says nothing of it, nor of singular points.
+  bool has_orders = false;  ///< true if [scheme] has to give an order
+  /// True if a step potential is chosen where a problem says nothing of it, nor of singular points.
   bool takes_potential = true;
-  /// Whether `scheme` takes an H with constraints; every quadrature takes an L with constraints.
+  /// True if `scheme` takes an H with constraints; every quadrature takes an L with constraints.
   bool constrains_hamiltonian = false;
 
   /// The one-step map, of a problem stated by H. \param z_0 where it starts
@@ -78,8 +78,8 @@ struct OrbitMethod {
 
   [[nodiscard]] bool of_hamiltonian() const { return scheme != nullptr || action != nullptr; }
   [[nodiscard]] bool of_lagrangian() const { return quadrature != nullptr; }
-  /// Whether it is a one-step map that is told as such, and not as an action: then there are no two-step form and no
-  /// starting pair.
+  /// True if it is a one-step map that is reported as such, and not as an action: then there are no two-step form and
+  /// no starting pair.
   [[nodiscard]] bool is_map() const { return action == nullptr; }
 };
 

@@ -11,7 +11,7 @@
 
 namespace rubato {
 
-/// What the second variation of 𝕊 at a stationary orbit tells, levels held: the tangents S_k of its steps,
+/// What the second variation of 𝕊 at a stationary orbit shows, levels held: the tangents S_k of its steps,
 /// δz_{k+1} = S_k δz_k, as blocks of the second variation in the q alone. With S = [[A, B], [C, D]], p_0 = -∂_0 L_d and
 /// p_1 = ∂_1 L_d,
 ///

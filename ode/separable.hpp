@@ -19,7 +19,7 @@ struct Separation {
 [[nodiscard]] Separation separate(formula::Expression H, std::span<const formula::Expression> variables);
 [[nodiscard]] Separation separate(const Hamiltonian& hamiltonian);
 
-/// Whether T is of degree two in the momenta: ∂²T/∂p∂p depends on nothing. Asked of the formula as it stands: of
+/// True if T is of degree two in the momenta: ∂²T/∂p∂p depends on nothing. Asked of the formula as it stands: of
 /// sqrt(p^4) it is not found.
 [[nodiscard]] bool is_quadratic(formula::Expression T, std::span<const formula::Expression> momenta);
 

@@ -16,7 +16,7 @@ namespace rubato {
 struct SplittingHalf {
   SplittingHalf(formula::Expression energy, std::span<const formula::Expression> variables);
 
-  /// The value and the gradient at a point that is told by formulas of another graph.
+  /// The value and the gradient at a point that is given by formulas of another graph.
   [[nodiscard]] std::vector<formula::Expression> at(std::span<const formula::Expression> point,
                                                     formula::Graph& graph) const;
 
@@ -68,7 +68,7 @@ struct SplittingFormula {
   [[nodiscard]] std::vector<formula::Expression> inputs() const;
 };
 
-/// Whether a step would be long as one formula.
+/// True if a step would be long as one formula.
 [[nodiscard]] bool is_long(const SplittingHalf& T, const SplittingHalf& V, const Composition& composition);
 
 /// None where that would be long: more than longest_splitting_formula instructions.

@@ -169,7 +169,7 @@ bool SplittingLanes::run(std::span<const Start> starts, std::size_t max_steps, s
     std::size_t stop = std::numeric_limits<std::size_t>::max();
     for (std::size_t m = 0; m < starts.size(); ++m) {
       if (!ends[m].alone && ends[m].steps == k) {
-        tell(m, starts[m], k, ends[m]);
+        write(m, starts[m], k, ends[m]);
       }
       if (!ends[m].alone && ends[m].steps > k) {
         stop = std::min(stop, ends[m].steps);
@@ -299,7 +299,7 @@ void SplittingLanes::see(const double* __restrict values, const Seen& seen, bool
   }
 }
 
-/// What rounding makes of E_k in the coming step, as TimeLevels has it from time to time.
+/// The rounding error of E_k in the coming step, as TimeLevels has it from time to time.
 void SplittingLanes::measure(std::size_t lanes) {
   middle_(width_, from_[here_], middle_at_);
   for (std::size_t m = 0; m < lanes; ++m) {
@@ -315,7 +315,7 @@ void SplittingLanes::measure(std::size_t lanes) {
   }
 }
 
-void SplittingLanes::tell(std::size_t lane, const Start& start, std::size_t steps, End& end) const {
+void SplittingLanes::write(std::size_t lane, const Start& start, std::size_t steps, End& end) const {
   double odd = odd_[lane];
   for (std::size_t i = 0; i < 2 * n_; ++i) {
     end.z[i] = from_[here_][n_ + i][lane];

@@ -40,10 +40,10 @@ public:
     Along node_energy = {};            ///< H(z_k)
     Along gamma = {};                  ///< Γ(z_k), if has_gamma()
     std::vector<Along> observed = {};  ///< at the levels
-    double rounding = 0.0;             ///< the largest bound of what rounding makes of E_k
+    double rounding = 0.0;             ///< the largest bound of the rounding error of E_k
   };
 
-  /// A step of one orbit, for whoever watches them.
+  /// A step of one orbit, for code that watches them.
   struct Step {
     std::size_t lane = 0;  ///< the place of its start
     std::span<const double> z_0, z_1;
@@ -63,7 +63,7 @@ public:
 
   /// Of up to `width` orbits. None where a step would be a long formula (splitting_formula).
   /// \param observed formulas of H's graph and variables
-  /// \param all whether to tell Γ and what rounding makes of E_k, too, which takes as long as the steps
+  /// \param all whether to show Γ and the rounding error of E_k, too, which takes as long as the steps
   /// \throws std::invalid_argument as make_splitting_scheme()
   [[nodiscard]] static std::unique_ptr<SplittingLanes> make(const Hamiltonian& hamiltonian,
                                                             const Composition& composition,
@@ -91,7 +91,7 @@ private:
     double values[8];
   };
   /// What was seen of a quantity, for all orbits: of each value x that is scale (x + constant)/scale, rounded as
-  /// Integrator::told_node() rounds it.
+  /// Integrator::reported_node() rounds it.
   struct Seen {
     double *first, *least, *greatest;
     double constant = 0.0, scale = 1.0;
@@ -109,7 +109,7 @@ private:
   void measure(std::size_t lanes);
   void find_steps_to_show(const Watch& watch, bool all);
   [[nodiscard]] bool show(std::span<const Start> starts, std::size_t k, std::span<End> ends, const Watch& watch);
-  void tell(std::size_t lane, const Start& start, std::size_t steps, End& end) const;
+  void write(std::size_t lane, const Start& start, std::size_t steps, End& end) const;
 
   std::size_t n_, width_;
   bool has_gamma_ = false, measures_ = false;

@@ -23,10 +23,10 @@ public:
   StageSlopes(const StageSlopes&) = delete;
   StageSlopes& operator=(const StageSlopes&) = delete;
 
-  /// Whether H is T(p) + V(q), and the halves can be asked for.
+  /// True if H is T(p) + V(q), and the halves can be asked for.
   [[nodiscard]] bool has_halves() const { return halves_.has_value(); }
 
-  /// Whether T is a quadratic form: then ∇T of a sum of momenta is the sum of velocities.
+  /// True if T is a quadratic form: then ∇T of a sum of momenta is the sum of velocities.
   [[nodiscard]] bool has_linear_velocities() const { return linear_.has_value(); }
 
   void evaluate();

@@ -57,7 +57,7 @@ private:
 
   std::unique_ptr<OrbitTangent> tangent_;
   std::size_t dimension_, count_;
-  bool begun_ = false;  ///< whether columns are what the tangent carries, and no longer variations of z_0
+  bool begun_ = false;  ///< true if columns are what the tangent carries, and no longer variations of z_0
   std::vector<double> columns_, before_, logarithms_, matrix_;
   double defect_ = 0.0;
 };

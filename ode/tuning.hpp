@@ -7,8 +7,8 @@
 #include <rubato/variation/tuning.hpp>
 
 /// \file
-/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that whoever changes one sees the
-/// others. Those of the search for levels are in variation/tuning.hpp.
+/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that a reader who changes one sees
+/// the others. Those of the search for levels are in variation/tuning.hpp.
 
 /// Boundary-value problems (boundary_value.cpp, end_conditions.cpp).
 namespace rubato::tuning::boundary_value {
@@ -28,7 +28,7 @@ inline constexpr double weight_of_potential = 2.0;
 /// From this order on following the motion gains nothing: f' so many times what the node energy is off by, ...
 inline constexpr int first_high_order = 4;
 inline constexpr double nearly_equal = 20.0;
-/// ... and at least so much of the energy, so that the level equation tells steps apart beyond rounding.
+/// ... and at least so much of the energy, so that the level equation distinguishes steps beyond rounding.
 inline constexpr double least_potential = 1e-3;
 /// Where the bracket of a stated potential vanishes: a start of the levels, no more.
 inline constexpr double smallest_bracket = 1e-2;

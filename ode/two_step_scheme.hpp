@@ -27,7 +27,7 @@ struct SegmentNode {
 /// P_0 = -∂A_0/∂z_0: the first step then finds `second` again.
 ///
 /// `law` gives the node energy H(z_k) and Γ(z_k), and the order of the step law. Without it the Γ of this action is not
-/// known, and told as NaN; the step law is taken to be of order 2 where steps are predicted.
+/// known, and reported as NaN; the step law is taken to be of order 2 where steps are predicted.
 /// \throws std::invalid_argument if the pair does not fit the action, its times are equal, or A or its derivatives are
 /// not finite there
 [[nodiscard]] std::unique_ptr<SegmentScheme> make_two_step_scheme(std::unique_ptr<DiscreteAction> action,

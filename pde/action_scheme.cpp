@@ -164,8 +164,8 @@ public:
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
-  [[nodiscard]] const LatticeLevel& level() const override { return told(level_, level_is_told_); }
-  [[nodiscard]] const LatticeLevel* previous() const override { return &told(previous_, previous_is_told_); }
+  [[nodiscard]] const LatticeLevel& level() const override { return reported(level_, level_is_current_); }
+  [[nodiscard]] const LatticeLevel* previous() const override { return &reported(previous_, previous_is_current_); }
 
   [[nodiscard]] bool solves_fully() const override { return map_.step().is_explicit(); }
   [[nodiscard]] Status advance(double h, double accuracy) override {
@@ -216,7 +216,7 @@ public:
     std::swap(kept_, next_kept_);
     std::swap(level_.fields, trial_);
     std::swap(previous_.fields, trial_);
-    previous_is_told_ = std::exchange(level_is_told_, map_.rows().names_all());
+    previous_is_current_ = std::exchange(level_is_current_, map_.rows().names_all());
     last_h_ = trial_h_;
     at_start_ = false;
     map_.step().move();
@@ -224,14 +224,14 @@ public:
   }
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
     level_.fields.copy_from(level.fields);
-    level_is_told_ = true;
+    level_is_current_ = true;
     // So that what is foreseen at h is `next`.
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto here = level.fields.field(f), there = next.fields.field(f);
       std::ranges::transform(here, there, previous_.fields.field(f).begin(),
                              [](double a, double b) { return 2.0 * a - b; });
     }
-    previous_is_told_ = true;
+    previous_is_current_ = true;
     last_h_ = h;
     at_start_ = true;
     map_.step().begin(level_);
@@ -240,7 +240,7 @@ public:
 
   void correct(const FieldSet& fields) override {
     level_.fields.copy_from(fields);
-    level_is_told_ = true;
+    level_is_current_ = true;
     map_.step().begin(level_);
   }
 
@@ -275,7 +275,7 @@ public:
       state.read(last_h_);
       at_start_ = state.read() != 0.0;
     }
-    level_is_told_ = previous_is_told_ = true;
+    level_is_current_ = previous_is_current_ = true;
     map_.step().begin(level_);
     start_level();
   }
@@ -303,10 +303,10 @@ private:
     iterations_ = 0;
   }
   /// A level with the fields that steps do not find.
-  [[nodiscard]] const LatticeLevel& told(LatticeLevel& level, bool& is_told) const {
-    if (!is_told) {
-      map_.step().tell(level);
-      is_told = true;
+  [[nodiscard]] const LatticeLevel& reported(LatticeLevel& level, bool& is_reported) const {
+    if (!is_reported) {
+      map_.step().write(level);
+      is_reported = true;
     }
     return level;
   }
@@ -324,7 +324,7 @@ private:
   grids::Grid grid_;
   mutable ActionMap map_;
   mutable LatticeLevel level_, previous_;
-  mutable bool level_is_told_ = true, previous_is_told_ = true;
+  mutable bool level_is_current_ = true, previous_is_current_ = true;
   FieldSet trial_, kept_, next_kept_;
   int symmetric_order_;
   double last_h_, trial_h_ = 0.0, energy_ = 0.0;

@@ -79,7 +79,7 @@ private:
                                                                 std::shared_ptr<const SecondLevel> next,
                                                                 LatticeLevel first, double first_step);
 /// The equation that it solves. Where momenta are kept, steps have to be judged one after the other from `first`; with
-/// first_step = 0 they are not, and nothing but their energy is told.
+/// first_step = 0 they are not, and nothing but their energy is reported.
 [[nodiscard]] std::unique_ptr<StepEquation> make_action_equation(const MultisymplecticSystem& system,
                                                                  const grids::Grid& grid, const StatedAction& stated,
                                                                  std::shared_ptr<const SecondLevel> next,

@@ -106,10 +106,10 @@ void ActionStep::constrain(double h, LatticeLevel& level) {
       level.fields.copy_from(found);
     }
   }
-  tell(level);
+  write(level);
 }
 
-void ActionStep::tell(LatticeLevel& level) {
+void ActionStep::write(LatticeLevel& level) {
   for (Turn& turn : turns_) {
     if (!turn.is_momenta) {
       NodeCode& code = made(turn.value, [&] { return turn.values; });

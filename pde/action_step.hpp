@@ -48,7 +48,7 @@ public:
   /// one; then those that follow by differences. Where the rows do not determine them they stay as they are.
   void constrain(double h, LatticeLevel& level);
   /// Fields that follow from others by differences at a level: steps neither read nor write them.
-  void tell(LatticeLevel& level);
+  void write(LatticeLevel& level);
 
   /// The next steps are taken from this level. Collective where ranks share the lattice, as all steps are.
   void begin(const LatticeLevel& level);
@@ -73,7 +73,7 @@ public:
   ///@}
   /// E of a step of length h that rests at a level.
   [[nodiscard]] double energy_at_rest(double h, const LatticeLevel& level);
-  /// How large the terms of E are, and what rounding makes of it.
+  /// How large the terms of E are, and its rounding error.
   [[nodiscard]] formula::SumSize energy_size(double h, const LatticeLevel& before, const grids::FieldSet& after);
   /// dE/dh along the solved step, total. NaN where it cannot be found.
   [[nodiscard]] double energy_slope(double h, const LatticeLevel& before, const grids::FieldSet& kept,

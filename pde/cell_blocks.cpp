@@ -28,7 +28,7 @@ SharedCellBlocks::SharedCellBlocks(const grids::Grid& grid, bool share_line)
 
 void SharedCellBlocks::in_turn(std::span<double> numbers, const std::function<void()>& add) const {
   pass_along(numbers, add);
-  tell(numbers);
+  share(numbers);
 }
 
 void SharedCellBlocks::pass_along(std::span<double> numbers, const std::function<void()>& add) const {
@@ -39,7 +39,7 @@ void SharedCellBlocks::pass_along(std::span<double> numbers, const std::function
   }
 }
 
-void SharedCellBlocks::tell(std::span<double> numbers) const {
+void SharedCellBlocks::share(std::span<double> numbers) const {
   if (line_slab_ != nullptr) {
     line_slab_->broadcast(numbers, line_slab_->ranks() - 1);
   }

@@ -29,8 +29,8 @@ struct CellBlocks {
     std::size_t offset = 0;            ///< of its first cell in an array of all
     /// Of a piece of a block: the place of its first cell in the block, and how many cells that has.
     std::size_t place = 0, whole = 0;
-    /// Whether it is this rank's to tell what the block has in all: sums, and maxima of sums.
-    bool is_told = true;
+    /// True if it is this rank's to show what the block has in all: sums, and maxima of sums.
+    bool is_reported = true;
     [[nodiscard]] bool begins() const { return place == 0; }
     [[nodiscard]] bool ends() const { return place + count == whole; }
     [[nodiscard]] bool is_piece() const { return count < whole; }
@@ -43,7 +43,7 @@ struct CellBlocks {
 };
 
 /// The same of a lattice that ranks share (grids::Slab). In a plane or in space blocks are those of the part, of which
-/// a rank tells those in lines that it owns. Of a line they are what a rank owns of the blocks of the whole line: the
+/// a rank shows those in lines that it owns. Of a line they are what a rank owns of the blocks of the whole line: the
 /// first and the last may be pieces, whose sums go on from rank to rank in the order of their cells.
 class SharedCellBlocks : public CellBlocks {
 public:
@@ -55,7 +55,7 @@ public:
       return parts_[block];
     }
     Block result = CellBlocks::operator[](block);
-    result.is_told = slab_ == nullptr || (result.line >= first_line_ && result.line < end_line_);
+    result.is_reported = slab_ == nullptr || (result.line >= first_line_ && result.line < end_line_);
     return result;
   }
   /// For what is made of cells one after the other: calls add(), with a slab of a line at one rank after the other,
@@ -63,11 +63,11 @@ public:
   void in_turn(std::span<double> numbers, const std::function<void()>& add) const;
   /// What is made of blocks one after the other, of a line of all ranks: numbers that begin with 0, to which add(block,
   /// numbers) adds. Of a piece go_on(block, carried) is called before, which goes on from the `carried` numbers that
-  /// the cells of the block before it left, 0 for the first. The last rank alone has what comes of it: see tell(). It
+  /// the cells of the block before it left, 0 for the first. The last rank alone has what comes of it: see show(). It
   /// lives until the next call.
   template <class GoOn, class Add>
   std::span<double> add_up(std::size_t numbers, std::size_t carried, const GoOn& go_on, const Add& add) const;
-  void tell(std::span<double> numbers) const;  ///< the last rank's, to all
+  void share(std::span<double> numbers) const;  ///< the last rank's, to all
   /// What the blocks of all ranks come to, the same at every rank: sums[r] = Σ sum_of(block, r), and the largest
   /// largest[r] of largest_of(block, r) >= 0, NaN left out. Pieces are gone on from as in add_up(); sum_of() is asked
   /// where a block ends, largest_of() of each piece. Sums are compensated, in the order of the blocks; in a plane or in
@@ -101,7 +101,7 @@ template <class GoOn, class Add>
 std::span<double> SharedCellBlocks::add_up(std::size_t numbers, std::size_t carried, const GoOn& go_on,
                                            const Add& add) const {
   numbers_.assign(numbers + (are_of_whole() ? carried : 0), 0.0);
-  const auto told = std::span(numbers_).first(numbers), carry = std::span(numbers_).subspan(numbers);
+  const auto reported = std::span(numbers_).first(numbers), carry = std::span(numbers_).subspan(numbers);
   const auto add_all = [&] {
     for (std::size_t block = 0; block < count(); ++block) {
       const Block at = (*this)[block];
@@ -111,13 +111,13 @@ std::span<double> SharedCellBlocks::add_up(std::size_t numbers, std::size_t carr
         }
         go_on(block, carry);
       }
-      if (at.is_told) {
-        add(block, told);
+      if (at.is_reported) {
+        add(block, reported);
       }
     }
   };
   pass_along(numbers_, std::ref(add_all));  // which a std::function holds without memory of its own
-  return told;
+  return reported;
 }
 
 template <class GoOn, class SumOf, class LargestOf>
@@ -132,7 +132,7 @@ void SharedCellBlocks::total(std::size_t carried, const GoOn& go_on, std::span<d
     std::ranges::fill(largest, 0.0);
     sums_.assign(sums.size(), CompensatedSum());
     for (std::size_t block = 0; block < count(); ++block) {
-      if (!(*this)[block].is_told) {
+      if (!(*this)[block].is_reported) {
         continue;
       }
       for (std::size_t r = 0; r < sums.size(); ++r) {
@@ -143,7 +143,7 @@ void SharedCellBlocks::total(std::size_t carried, const GoOn& go_on, std::span<d
     slab_->reduce(sums_, sums, largest);
     return;
   }
-  // Maxima, then sums: of these two numbers are added up, and one is told.
+  // Maxima, then sums: of these two numbers are added up, and one is reported.
   const std::size_t maxima = largest.size();
   const std::span<double> all =
       add_up(maxima + 2 * sums.size(), carried, go_on, [&](std::size_t block, std::span<double> numbers) {
@@ -159,10 +159,10 @@ void SharedCellBlocks::total(std::size_t carried, const GoOn& go_on, std::span<d
   for (std::size_t r = 0; r < sums.size(); ++r) {
     all[maxima + r] = CompensatedSum(all[maxima + 2 * r], all[maxima + 2 * r + 1]).value();
   }
-  const auto told = all.first(maxima + sums.size());
-  tell(told);
-  std::ranges::copy(told.first(maxima), largest.begin());
-  std::ranges::copy(told.subspan(maxima), sums.begin());
+  const auto reported = all.first(maxima + sums.size());
+  share(reported);
+  std::ranges::copy(reported.first(maxima), largest.begin());
+  std::ranges::copy(reported.subspan(maxima), sums.begin());
 }
 
 }  // namespace rubato

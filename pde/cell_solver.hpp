@@ -58,7 +58,7 @@ public:
   [[nodiscard]] virtual bool finds_ghosts() const { return false; }
   /// Forgets what was kept from the last solves, so that the next ones do not depend on them.
   virtual void forget() {}
-  /// Whether the next solves look at their residuals themselves (as they do at first), or leave that to the caller.
+  /// True if the next solves look at their residuals themselves (as they do at first), or leave that to the caller.
   virtual void check_residuals(bool) {}
   /// The relative error that the next solutions may have; a direct solver has that of rounding in any case.
   virtual void set_tolerance(double) {}

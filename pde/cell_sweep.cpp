@@ -439,7 +439,7 @@ struct CellSweep::Storage {
     return work;
   }
 
-  /// What a sweep has and tells.
+  /// What a sweep has and shows.
   struct Wanted {
     bool rate, residual, hessian;
     double inverse_h;
@@ -709,7 +709,7 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
   const CellBlocks::Block at = blocks[block];
   BlockResult& result = results[block];
   result = {};
-  if (!at.is_told) {
+  if (!at.is_reported) {
     return;
   }
   gather_point(block, work, point, slopes);
@@ -917,7 +917,7 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
       }
     };
     const std::span<double> all = s.blocks.add_up(sums.size(), rows_by_node, go_on, add_block);
-    s.blocks.tell(all);
+    s.blocks.share(all);
     std::ranges::copy(all, sums.begin());
   }
   const auto& [terms, sum, squares, magnitudes] = sums;

@@ -71,7 +71,7 @@ struct EnergyChange {
 /// Evaluates the equation in every cell, in batches, in parallel. Holds work space for each thread. At
 /// Collocation::corners only energies are those of a scheme: its equation has differences of both kinds. Ranks that
 /// share a lattice at corners, or a line of cells, sweep together, each over the cells that it owns, from right ghosts;
-/// what the sweep tells is of all cells, and the same for every number of ranks.
+/// what the sweep shows is of all cells, and the same for every number of ranks.
 class CellSweep {
 public:
   CellSweep(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation = Collocation::cells);
@@ -104,7 +104,7 @@ public:
   /// same run: so it does not depend on how large a box of a vacuum with S ≠ 0 is around what moves. And what rounding
   /// makes of the energy: the nodes' values are rounded, so are their differences and the terms of each cell. The
   /// cells' errors are taken to be independent: four times the root of their squares' sum, no more than their sum; so
-  /// is what rounding makes of partial sums. Costs more than a sweep.
+  /// is the rounding error of partial sums. Costs more than a sweep.
   [[nodiscard]] formula::SumSize energy_size(std::span<const double* const> point, const PotentialSlopes& slopes,
                                              std::span<const double> references);
 

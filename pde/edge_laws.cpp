@@ -349,7 +349,7 @@ std::vector<Spread> EdgeLaws::residuals(const LatticeLevel& before, const Lattic
     s.sum = grids::FieldSet(static_cast<int>(s.names.size()), s.grid.size());
   }
   s.residuals_in_cells(before, after, h);
-  return tell_residuals(s.sum, residuals);
+  return write_residuals(s.sum, residuals);
 }
 
 std::vector<double> EdgeLaws::totals(const LatticeLevel& level) {

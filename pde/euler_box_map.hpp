@@ -87,7 +87,7 @@ private:
   [[nodiscard]] double rate_of(int row, int field) const { return system_.structure().M_plus.transpose()(row, field); }
   [[nodiscard]] bool local(int row, int field) const;
   [[nodiscard]] bool across(int row, int field) const { return follows(row, field) || precedes(row, field); }
-  /// Whether a row reads the field at the next node along an axis, or at the one before.
+  /// True if a row reads the field at the next node along an axis, or at the one before.
   ///@{
   [[nodiscard]] bool follows(int row, int field) const;
   [[nodiscard]] bool precedes(int row, int field) const { return follows(field, row); }

@@ -23,7 +23,7 @@ public:
   [[nodiscard]] const MultisymplecticSystem& system() const final { return system_; }
   [[nodiscard]] const grids::Grid& grid() const final { return grid_; }
   [[nodiscard]] const LatticeLevel& level() const final {
-    tell_level();
+    append_level();
     return level_;
   }
   [[nodiscard]] bool has_node_law() const final { return false; }
@@ -73,7 +73,7 @@ protected:
   /// 𝓔 of the present one.
   [[nodiscard]] virtual double energy_at_start() const { return energy_of(level_.fields); }
   /// Fills level_ if it is not yet what the scheme stands at.
-  virtual void tell_level() const {}
+  virtual void append_level() const {}
 
   /// 𝓔 of the fields of a level.
   [[nodiscard]] double energy_of(const grids::FieldSet& fields) const {
@@ -110,7 +110,7 @@ protected:
 
   /// \param more whether the scheme writes of its own what the fields do not say
   void save_level(StateWriter& state, bool more = false) const {
-    tell_level();
+    append_level();
     grids::save_whole(state, level_.fields);
     save_slopes(state, level_.slopes, grid_);
     for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
@@ -137,7 +137,7 @@ protected:
 
   MultisymplecticSystem system_;
   grids::Grid grid_;
-  mutable LatticeLevel level_;  ///< see tell_level()
+  mutable LatticeLevel level_;  ///< see append_level()
   std::vector<bool> at_midpoints_;
 
 private:
@@ -150,7 +150,7 @@ private:
 
   /// The level without the fields that it does not have.
   void make_point() const {
-    tell_level();
+    append_level();
     copy_level(level_.fields, at_midpoints_, point_);
   }
   [[nodiscard]] double energy_here() const {

@@ -17,15 +17,15 @@ class MultisymplecticSystem;
 struct FieldStructure {
   /// A basis of ker M as columns, in reduced echelon form: unit vectors wherever the kernel allows.
   Eigen::MatrixXd kernel;
-  /// Whether the unit vector of the field lies in ker M: only space derivatives of the field occur.
+  /// True if the unit vector of the field lies in ker M: only space derivatives of the field occur.
   std::vector<bool> algebraic;
-  /// Whether no constraint of a single level determines the field (w of KdV; p and w of BBM): it exists at midpoints
+  /// True if no constraint of a single level determines the field (w of KdV; p and w of BBM): it exists at midpoints
   /// only, where the step determines it.
   std::vector<bool> multiplier;
   /// Fields that a level determines, by a constraint which is not linear in z (p of the good Boussinesq equation): the
   /// mean of two levels' values is not the value at the midpoint, which therefore is kept apart.
   std::vector<bool> nonlinear;
-  /// Whether S does not depend on the field: z + c e_f is a solution with z, and f may be m·x + periodic.
+  /// True if S does not depend on the field: z + c e_f is a solution with z, and f may be m·x + periodic.
   std::vector<bool> potential;
   /// Constant vectors b with b·∇S = 0 for all z, as columns in reduced echelon form: (bᵀMz)_t + Σ (bᵀK_a z)_{x_a} = 0.
   Eigen::MatrixXd affine_symmetries;

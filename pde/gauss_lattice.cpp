@@ -14,7 +14,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/family_lattice.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/step_equation.hpp>
@@ -38,7 +38,7 @@ public:
       : FamilyLattice(system, grid, std::move(first), placement_of(space)),
         low_(system.field_count(), grid.size()),
         delta_(low_),
-        slab_(std::make_shared<GaussSlab>(system, grid, stages, level_, space)),
+        slab_(std::make_shared<GaussStep>(system, grid, stages, level_, space)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
         forecast_(slab_->make_forecast()) {}
@@ -59,7 +59,7 @@ public:
     const int counted = slab_->iterations();
     const bool continued = slab_->begin(forecast_, h, trial_h());
     forget_trial();
-    const bool steady = GaussSlab::are_near(h, forecast_.last_h());  // of equal levels, after a resumption too
+    const bool steady = GaussStep::are_near(h, forecast_.last_h());  // of equal levels, after a resumption too
     Status status = slab_->solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
     if (status != Status::success && continued) {
       slab_->begin_at_level();
@@ -124,7 +124,7 @@ private:
 
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
   grids::FieldSet delta_;
-  std::shared_ptr<GaussSlab> slab_;
+  std::shared_ptr<GaussStep> slab_;
   std::vector<double> largest_;  ///< of |δ| of each field so far
   int stages_;
   RestForecast forecast_;
@@ -161,7 +161,7 @@ public:
   }
 
 private:
-  GaussSlab slab_;
+  GaussStep slab_;
 };
 
 /// Two slabs: of the step, and of the equation linearised at its stages. Made anew for each step, so that what they
@@ -184,7 +184,7 @@ public:
       h_ = h;
       before_.copy_from(before.fields);
       const int count = static_cast<int>(stages_.size());
-      GaussSlab about(system_, grid_, count, before, space_);
+      GaussStep about(system_, grid_, count, before, space_);
       slab_.reset();
       if (const Status status = about.take(before, after, h); status != Status::success) {
         return status;
@@ -220,7 +220,7 @@ private:
   double h_ = 0.0;
   grids::FieldSet before_, delta_, rate_;
   std::vector<grids::FieldSet> stages_;
-  std::optional<GaussSlab> slab_;
+  std::optional<GaussStep> slab_;
 };
 
 }  // namespace

@@ -359,7 +359,7 @@ void add_medium_cautions(const MultisymplecticSystem& system, const grids::Grid&
     if (!system.varies_in_space(f) || !std::isfinite(grids::max_abs(row))) {
       continue;
     }
-    const auto broken = find_seam_break(grid, row);  // told to rank 0
+    const auto broken = find_seam_break(grid, row);  // reported to rank 0
     if (broken) {
       const std::string what = fmt::format("dS/d{}", system.fields()[static_cast<std::size_t>(f)]);
       cautions.push_back(

@@ -55,7 +55,7 @@ struct InitialLevel {
                                                  const InitialFields& given,
                                                  Collocation collocation = Collocation::cells);
 
-/// Whether no field is missing, and none given that prepare_initial_level() computes and compares with what is given:
+/// True if no field is missing, and none given that prepare_initial_level() computes and compares with what is given:
 /// then ranks that share a lattice (of more than one dimension, without Collocation::corners) may each call that with
 /// what is given in their parts.
 [[nodiscard]] bool determines_no_given_field(const MultisymplecticSystem& system, const std::vector<bool>& given);

@@ -46,7 +46,7 @@ public:
         const SweepResult result = (*sweep_)(std::as_const(level.fields).pointers(), level.slopes, {}, 0.0,
                                              residual_.pointers(), hessian_.pointers());
         if (!result.finite || !step(level, waves_.patterns()[p])) {
-          break;  // the constraints' own iteration tells what is wrong
+          break;  // the constraints' own iteration shows what is wrong
         }
       }
     }

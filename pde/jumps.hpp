@@ -48,7 +48,7 @@ public:
         const std::vector<Eigen::VectorXd>& jumps, Twists twists = {});
 
   [[nodiscard]] bool any() const { return !slopes_.empty() || twists_.any(); }
-  /// Whether z_f is not z~_f.
+  /// True if z_f is not z~_f.
   [[nodiscard]] bool has(int field) const { return has_ramp(field) || twists_.partners(field).size() > 1; }
   /// The fields of z~ that z_f is made of, `field` the first.
   [[nodiscard]] std::vector<int> partners(int field) const { return twists_.partners(field); }

@@ -83,16 +83,16 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
 StepReport LatticeIntegrator::step() {
   // The scheme overwrites its level only when the step is accepted, but a copy is needed before that. A step that fails
   // leaves the level before as it was, too.
-  const bool told = scheme_->level_is_told() && scheme_->previous() == nullptr;
-  if (told) {
+  const bool reported = scheme_->level_is_current() && scheme_->previous() == nullptr;
+  if (reported) {
     before_.copy_from(scheme_->level().fields);
   }
   const StepReport report = Integrator::step();
   if (report.status == Status::success) {
-    if (told) {
+    if (reported) {
       std::swap(previous_.fields, before_);
     }
-    where_ = told ? Previous::here : Previous::of_scheme;
+    where_ = reported ? Previous::here : Previous::of_scheme;
     of_step_before_ = std::exchange(of_last_step_, LocalLaws::none);
   }
   return report;
@@ -111,7 +111,7 @@ const LatticeLevel& LatticeIntegrator::previous() const {
     if (const LatticeLevel* const kept = scheme_->previous()) {
       return *kept;
     }
-    scheme_->tell_previous(previous_.fields);
+    scheme_->write_previous(previous_.fields);
     where_ = Previous::here;
   }
   return previous_;

@@ -7,8 +7,8 @@
 namespace rubato {
 
 /// The level of a lattice between two levels of a run: the scheme's own step over the fraction, ψ_{θh}(z_k), of the
-/// order of the scheme and continuous from step to step. It reads two levels and h alone, so that what a run tells can
-/// be told again from its record.
+/// order of the scheme and continuous from step to step. It reads two levels and h alone, so that what a run shows can
+/// be recomputed from its record.
 class LatticeBetween {
 public:
   /// `first` and `first_step` are those of the run. \throws std::invalid_argument as LatticeMethod::scheme()

@@ -40,8 +40,8 @@ struct LatticeMethodChoice {
 };
 
 /// A discretisation of M z_t + Σ_a K_a z_{x_a} = ∇S(z), with all that the integrator, the check of records, the
-/// reports and the program's help ask of it. One file of `pde/schemes/` states each; whoever uses one knows this
-/// interface alone.
+/// reports and the program's help ask of it. One file of `pde/schemes/` states each; the caller that uses one knows
+/// this interface alone.
 class LatticeMethod {
 public:
   LatticeMethod() = default;
@@ -59,20 +59,20 @@ public:
     std::string_view reason;
   };
   [[nodiscard]] virtual std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const;
-  /// Whether it takes transforms, whose time depends on the prime factors of the numbers of cells.
+  /// True if it takes transforms, whose time depends on the prime factors of the numbers of cells.
   [[nodiscard]] virtual bool has_transforms(int /*dimensions*/) const { return false; }
   /// The number of cells nearest to `wanted` that the method takes; where it has transforms, one without prime factors
   /// beyond 7. Of two equally near numbers the larger one.
   [[nodiscard]] std::size_t count_near(std::size_t wanted, int dimensions) const;
   /// Why the method cannot be taken in so many dimensions, and what to do; empty where it can.
   [[nodiscard]] virtual std::string_view other_dimensions(int /*dimensions*/) const { return {}; }
-  /// Whether there are values in the middle of steps: see MultisymplecticSystem::at_levels.
+  /// True if there are values in the middle of steps: see MultisymplecticSystem::at_levels.
   [[nodiscard]] virtual bool has_midpoints(const MultisymplecticSystem& /*system*/) const { return true; }
   /// The system as the method has it.
   [[nodiscard]] MultisymplecticSystem seen(const MultisymplecticSystem& system) const {
     return has_midpoints(system) ? system : system.at_levels();
   }
-  /// Whether local laws live in the middle of cells; else at nodes.
+  /// True if local laws live in the middle of cells; else at nodes.
   [[nodiscard]] virtual bool laws_in_cells() const { return false; }
 
   /// The collocation with which the scheme is the same in a mirror, for walls; nothing where it is not.
@@ -92,7 +92,7 @@ public:
                                                        int /*ranks*/) const {
     return {};
   }
-  /// Whether each rank makes first_level() of its part, where these fields are given: not where what is given has to
+  /// True if each rank makes first_level() of its part, where these fields are given: not where what is given has to
   /// agree with what others determine, nor where fields are missing.
   [[nodiscard]] virtual bool begins_in_parts(const MultisymplecticSystem& system, const std::vector<bool>& given) const;
   ///@}
@@ -100,7 +100,7 @@ public:
   /// The discrete action that states the scheme; nothing for a family of maps that has its K in place of one (theory,
   /// section 8).
   [[nodiscard]] virtual std::optional<LatticeAction> action(const MultisymplecticSystem& system) const = 0;
-  /// Whether varying the places of single nodes gives local laws: not where the action joins all nodes of a level.
+  /// True if varying the places of single nodes gives local laws: not where the action joins all nodes of a level.
   [[nodiscard]] virtual bool has_variational_laws() const { return true; }
 
   /// \throws std::invalid_argument as prepare_initial_level()

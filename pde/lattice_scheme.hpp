@@ -31,11 +31,11 @@ public:
   virtual void stand(const LatticeLevel& level, const LatticeLevel& next, double h) = 0;
   /// Puts fields that differ from those of level() by rounding errors in their place.
   virtual void correct(const grids::FieldSet& fields) { static_cast<void>(fields); }
-  /// False where level() has something to compute yet: whoever does not ask does not pay. Then tell_previous() has the
-  /// fields of the level before after the next accept().
+  /// False where level() has something to compute yet: the caller that does not ask does not pay. Then write_previous()
+  /// has the fields of the level before after the next accept().
   ///@{
-  [[nodiscard]] virtual bool level_is_told() const { return true; }
-  virtual void tell_previous(grids::FieldSet& fields) const { static_cast<void>(fields); }
+  [[nodiscard]] virtual bool level_is_current() const { return true; }
+  virtual void write_previous(grids::FieldSet& fields) const { static_cast<void>(fields); }
   ///@}
   /// The level before the one that accept() has moved to last, where the scheme keeps it; it stands until the next
   /// accept(). A scheme keeps it always or never.
@@ -57,7 +57,7 @@ public:
 ///
 /// The increment is solved by Newton's method, the matrix renewed at every correction (its factors are not kept, see
 /// CyclicBlockSolver, so an old one would cost as much), until the error that the last correction left, as the measured
-/// contraction tells it (NewtonContraction), is below rounding or the residual is; for a trial length that will not be
+/// contraction shows it (NewtonContraction), is below rounding or the residual is; for a trial length that will not be
 /// the last, below what the level equation can make use of. One correction does for most trials of a regular step, and
 /// its energy follows without another sweep. Fields in ker M have no increment of their own: multipliers are solved for
 /// at the midpoint only. States are summed with compensation. Results do not depend on the number of threads.
@@ -77,7 +77,7 @@ public:
 /// Spectrally accurate in space, order 2 in time. Any number of cells: on even ones ∂ annihilates the Nyquist mode, on
 /// which the step's matrix then has the kernel that it has on the constant; it is held there too (StillWaves), and the
 /// first level has no Nyquist mode where a potential cannot. The step is one of Gauss collocation with one stage,
-/// solved wave by wave as those are (GaussSlab); where that fails by Newton's method, its linear systems in Fourier
+/// solved wave by wave as those are (GaussStep); where that fails by Newton's method, its linear systems in Fourier
 /// space, with GMRES where S'' varies much. \throws std::invalid_argument as make_box_scheme, but for the number of
 /// cells; `first` from initial_level() with Collocation::nodes
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
@@ -88,7 +88,7 @@ public:
 [[nodiscard]] LevelHistory midpoint_start(const MultisymplecticSystem& system, const grids::Grid& grid,
                                           Collocation collocation, const LatticeLevel& first, double first_step);
 
-/// Gauss collocation of order 2·stages in time (GaussSlab; theory, section 8.3), in space as the Fourier scheme or,
+/// Gauss collocation of order 2·stages in time (GaussStep; theory, section 8.3), in space as the Fourier scheme or,
 /// with a Gauss rule, as the box: E_k is the Hamiltonian that generates the family of maps in h. No node law in closed
 /// form, so that where the level equation has no solution a step potential has to help. \throws std::invalid_argument
 /// if the dimensions of grid and system differ, stages are not 1 … 8, S is not finite at the first level, or as

@@ -21,7 +21,7 @@ void add_term_of_one(double factor, const double* left, std::size_t count, doubl
 
 }  // namespace
 
-std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals) {
+std::vector<Spread> write_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals) {
   for (std::size_t l = 0; l < residuals.size(); ++l) {
     std::ranges::copy(of_laws.field(static_cast<int>(l)), residuals[l]);
   }

@@ -87,8 +87,8 @@ private:
   std::array<std::vector<std::vector<LawTerm>>, 2> terms_;  ///< [has_partner][μ]
 };
 
-/// Residuals of each law in each cell as LocalLaws tells them: their magnitudes, and themselves where there is room.
-[[nodiscard]] std::vector<Spread> tell_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals);
+/// Residuals of each law in each cell as LocalLaws shows them: their magnitudes, and themselves where there is room.
+[[nodiscard]] std::vector<Spread> write_residuals(const grids::FieldSet& of_laws, std::span<double* const> residuals);
 
 /// The laws of one family of schemes; LocalLaws documents the functions.
 class LawEvaluator {

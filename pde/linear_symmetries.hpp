@@ -17,7 +17,7 @@ public:
 
   /// A basis of those whose span with `known` is all; in reduced echelon form, row by row.
   [[nodiscard]] std::vector<Eigen::MatrixXd> beside(const std::vector<Eigen::MatrixXd>& known) const;
-  /// Whether B is no combination of `known`.
+  /// True if B is no combination of `known`.
   [[nodiscard]] static bool is_beside(const Eigen::MatrixXd& B, const std::vector<Eigen::MatrixXd>& known);
   /// The one that turns the phase of ψ = z_p + i z_q: of ψ -> exp(is) ψ. Nothing if there is none.
   [[nodiscard]] std::optional<Eigen::MatrixXd> phase(int p, int q) const;

@@ -15,7 +15,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/cell_solver.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
@@ -241,7 +241,7 @@ public:
   /// It changes slowly, and costs more than a sweep: taken anew now and then.
   [[nodiscard]] formula::SumSize energy_size() override {
     if (size_age_ >= tuning::size_period) {
-      tell_increment();
+      write_increment();
       const grids::FieldSet& point = point_;
       make_point(0.5);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
@@ -277,7 +277,7 @@ public:
   }
 
   void accept() override {
-    tell_increment();
+    write_increment();
     if (waves_ != nullptr && waves_->solved) {
       waves_->slab.keep(waves_->forecast);
     } else if (waves_ != nullptr) {
@@ -383,20 +383,20 @@ private:
   static constexpr double waves_follow = 0.5;
 
   /// One stage of Gauss collocation is the midpoint rule: the step by iteration on what S leaves, wave by wave
-  /// (GaussSlab), which takes a transform there and one back of the fields that S'' varies with.
+  /// (GaussStep), which takes a transform there and one back of the fields that S'' varies with.
   [[nodiscard]] Status solve_on_waves(double h, double accuracy) {
-    auto& [slab, forecast, stands, solved, told] = *waves_;
+    auto& [slab, forecast, stands, solved, reported] = *waves_;
     if (!std::exchange(stands, true)) {
       slab.stand(level_.fields, &low_, level_.slopes);
     }
     const int counted = slab.iterations();
-    const bool steady = GaussSlab::are_near(h, forecast.last_h());
+    const bool steady = GaussStep::are_near(h, forecast.last_h());
     slab.begin(forecast, h, solved ? trial_h_ : 0.0);
     const Status status = slab.solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
     iterations_ += slab.iterations() - counted;
     solved = status == Status::success;
     if (solved) {
-      told = false;
+      reported = false;
       energy_ = slab.energy();
       slope_known_ = false;
       solved = std::isfinite(energy_);
@@ -406,8 +406,8 @@ private:
   }
 
   /// What the trial step changes, of one that was solved on waves.
-  void tell_increment() {
-    if (waves_ != nullptr && waves_->solved && !std::exchange(waves_->told, true)) {
+  void write_increment() {
+    if (waves_ != nullptr && waves_->solved && !std::exchange(waves_->reported, true)) {
       waves_->slab.increment(delta_);
     }
   }
@@ -497,7 +497,7 @@ private:
   }
 
   /// \param distance relative, from the length of the last trial: the next one will be nearer by as much again or more,
-  /// and needs to be told its energy accordingly
+  /// and needs to be reported its energy accordingly
   [[nodiscard]] Status solve(double h, double accuracy, double distance = 1.0) {
     const double near = std::max(trial_accuracy * distance * distance * distance, finest_trial);
     const double enough = std::max(std::min(accuracy, near), 0.5 * epsilon);
@@ -526,8 +526,8 @@ private:
       energy_ = result.energy;
       slope_ = result.quadratic / (4.0 * h);
       slope_known_ = true;
-      // What the corrections tell of their error rests on S'' at single points: where it changes fast, a correction is
-      // small and mends nothing. A step that may be accepted is therefore looked at once more.
+      // What the corrections report on their error rests on S'' at single points: where it changes fast, a correction
+      // is small and mends nothing. A step that may be accepted is therefore looked at once more.
       const bool is_trial = accuracy > 0.0;
       if (result.residual <= residual_floor || (error <= enough && (is_trial || result.backward_error <= solved)) ||
           (stalled && is_rounding(h))) {
@@ -655,11 +655,11 @@ private:
     Waves(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first)
         : slab(system, grid, 1, first), forecast(slab.make_forecast()) {}
 
-    GaussSlab slab;
+    GaussStep slab;
     RestForecast forecast;
-    bool stands = false;  ///< slab, at this level
-    bool solved = false;  ///< the trial
-    bool told = false;    ///< delta_, of that
+    bool stands = false;    ///< slab, at this level
+    bool solved = false;    ///< the trial
+    bool reported = false;  ///< delta_, of that
   };
   std::unique_ptr<Waves> waves_;  ///< at nodes
 

@@ -72,7 +72,7 @@ public:
   void accept() override {
     scheme_->accept();
     mirrors_.restrict_within(scheme_->level().fields, level_.fields);
-    // What rounding makes of the mirrors would grow where solutions are unstable.
+    // The rounding error of the mirrors would grow where solutions are unstable.
     mirrors_.extend(level_.fields, ring_);
     scheme_->correct(ring_);
     mirrors_.restrict(ring_, level_.fields);
@@ -212,7 +212,7 @@ public:
 private:
   std::vector<Spread> taken(std::span<double* const> residuals) {
     mirrors_.restrict(of_laws_, between_);
-    return tell_residuals(between_, residuals);
+    return write_residuals(between_, residuals);
   }
 
   Mirrors mirrors_;

@@ -86,11 +86,11 @@ public:
   [[nodiscard]] const std::vector<Eigen::VectorXd>& ramps() const { return ramps_.slopes; }
   /// The rates G_a at which fields turn along each direction (Twists); none where none does.
   [[nodiscard]] const std::vector<Eigen::MatrixXd>& turns() const { return ramps_.turns; }
-  /// Whether momentum along the axis has a source, which makes a balance of its law.
+  /// True if momentum along the axis has a source, which makes a balance of its law.
   [[nodiscard]] bool has_source(int axis) const;
   /// ∂S/∂x_a at fixed z, or what Ramps have for it, for each of coordinates(): the sources of momentum.
   [[nodiscard]] const std::vector<formula::Expression>& sources() const { return sources_; }
-  /// Whether ∂S/∂z_f names a coordinate.
+  /// True if ∂S/∂z_f names a coordinate.
   [[nodiscard]] bool varies_in_space(int field) const { return varies_in_space_[static_cast<std::size_t>(field)]; }
 
   /// The constant c that was added to S (formula::separate_constant), and the system with S - c: the steps are those of
@@ -111,7 +111,7 @@ public:
   [[nodiscard]] const Eigen::MatrixXd& constant_hessian() const { return constant_hessian_; }
   /// sources()
   [[nodiscard]] const formula::Bytecode& source_code() const { return *source_; }
-  /// For a formula::SumSizeEvaluator: how large the terms of S are, and what rounding makes of S.
+  /// For a formula::SumSizeEvaluator: how large the terms of S are, and the rounding error of S.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
   /// S'' in full at one point: z, then the coordinates that S names.
   [[nodiscard]] Eigen::MatrixXd hessian(std::span<const double> point) const;

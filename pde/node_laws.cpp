@@ -319,7 +319,7 @@ std::vector<Spread> NodeLaws::residuals(const LatticeLevel& before, const Lattic
     const auto sum = sum_.field(1 + tables_.system.coordinates()[c]);
     std::ranges::transform(sum, source, sum.begin(), std::minus<>());
   }
-  return tell_residuals(sum_, residuals);
+  return write_residuals(sum_, residuals);
 }
 
 std::vector<double> NodeLaws::totals(const LatticeLevel& level) {

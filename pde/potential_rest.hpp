@@ -36,7 +36,7 @@ struct PotentialRest {
 [[nodiscard]] Eigen::MatrixXd middle_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
                                              const grids::FieldSet& fields);
 
-/// Whether S beyond ½ zᵀLz depends on a field: S'' varies with it, or ∂S/∂z_f names a coordinate.
+/// True if S beyond ½ zᵀLz depends on a field: S'' varies with it, or ∂S/∂z_f names a coordinate.
 [[nodiscard]] bool is_in_rest(const MultisymplecticSystem& system, int field);
 
 /// ∇S(0): the linear terms of S, of fields that are not in the rest. Not finite where S is not defined there.

@@ -25,7 +25,7 @@ RestForecast::RestForecast(const GaussTableau& tableau, int fields, std::size_t 
 
 void RestForecast::forget() {
   known_ = 0;
-  judged_ = told_ = false;
+  judged_ = reported_ = false;
   last_h_ = 0.0;
   off_.fill(0.0);
 }
@@ -33,7 +33,7 @@ void RestForecast::forget() {
 void RestForecast::add(double h) {
   newest_ = place(past_.size() - 1);
   const WaveRows& rests = past_[newest_];
-  if (std::exchange(told_, false)) {
+  if (std::exchange(reported_, false)) {
     for (int j = 0; j < m_; ++j) {
       at_last_[static_cast<std::size_t>(j)] = tableau_.lagrange(j, tableau_.c[m_ - 1] * (last_h_ / h));
     }
@@ -80,7 +80,7 @@ void RestForecast::foresee(WaveRows& rests) {
       }
     }
   });
-  told_ = true;
+  reported_ = true;
 }
 
 void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const {
@@ -98,7 +98,7 @@ void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const
 void RestForecast::restore(StateReader& state, const grids::Fourier& fourier) {
   state.read(known_);
   judged_ = state.read() != 0.0;
-  told_ = false;
+  reported_ = false;
   state.read(last_h_);
   newest_ = 0;
   for (int back = 0; back < known_; ++back) {

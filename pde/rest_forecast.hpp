@@ -19,7 +19,7 @@ namespace rubato {
 /// - a recurrence from step to step, G_i^{n+1} = α G_i^n + β G_i^{n-1}, whose α and β fit the stages of the last three
 ///   steps best, in least squares (Prony's method, wave by wave). It is exact where a wave turns with one or two
 ///   frequencies, however long the step: in what travels unchanged, in two of these while they are apart, in small
-///   waves of either direction. Two steps tell α alone;
+///   waves of either direction. Two steps show α alone;
 /// - the same, and the polynomial through what it leaves of the last step, continued.
 ///
 /// Of one stage the polynomials through the last step, the last four, the last eight, or as many as are known: steps of
@@ -68,8 +68,8 @@ private:
   std::size_t newest_ = 0;
   int known_ = 0;
   double last_h_ = 0.0;
-  bool told_ = false;    ///< foreseen_ is of the next step
-  bool judged_ = false;  ///< off_ is of recurrences, too, which one stage has not
+  bool reported_ = false;  ///< foreseen_ is of the next step
+  bool judged_ = false;    ///< off_ is of recurrences, too, which one stage has not
 };
 
 }  // namespace rubato

@@ -15,7 +15,7 @@ namespace rubato {
 [[nodiscard]] PotentialSlopes part_of(const PotentialSlopes& whole, const grids::Slab& slab);
 /// Renews those of ghosts; nothing for a thread without a slab.
 void refresh_slopes(PotentialSlopes& slopes, const grids::Grid& grid);
-/// Whether a line of the whole lattice has one that is not 0, of a field or of any.
+/// True if a line of the whole lattice has one that is not 0, of a field or of any.
 ///@{
 [[nodiscard]] bool has_slope(const PotentialSlopes& slopes, std::size_t field, const grids::Grid& grid);
 [[nodiscard]] bool has_slope(const PotentialSlopes& slopes, const grids::Grid& grid);

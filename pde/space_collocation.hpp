@@ -38,9 +38,9 @@ inline constexpr int most_space_stages = 4;
 ///
 ///     arg R(iκℓ) = kℓ,      Z_i = φ_i e^{ikx},   φ = (1 - iκℓA)⁻¹ 1,   x the lower face,
 ///
-/// and arg R rises from -rπ to rπ with κ: each of the waves |k| < π/Δx that the nodes tell apart has one κ = k +
+/// and arg R rises from -rπ to rπ with κ: each of the waves |k| < π/Δx that the nodes distinguish has one κ = k +
 /// O(Δx^2r), and is one solution. For r = 1 κ = (2/Δx) tan(kΔx/2) and φ = cos(kΔx/2) e^{ikΔx/2}: the box. So a level
-/// may be told at the nodes, all Δx apart: ẑ(k) is the amplitude of the solution k, z its values at the faces, and
+/// may be reported at the nodes, all Δx apart: ẑ(k) is the amplitude of the solution k, z its values at the faces, and
 /// between them (r > 1) their smooth continuation, which is as accurate as they are, where the polynomial is not.
 ///
 /// ∂ is skew in the quadrature of the elements, its waves orthogonal: rows hold the amplitudes of φ/|φ|, |φ|² = Σ b_i

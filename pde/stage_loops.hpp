@@ -93,7 +93,7 @@ struct ForecastRows {
 /// Of several stages.
 using WaveForecast = ForecastRows<3>;
 /// \param onward what the polynomial through m stages is at those of the next step, by rows
-/// \param judged whether `off` tells of all ways; else of the first alone
+/// \param judged whether `off` reports on all ways; else of the first alone
 void foresee_waves(int m, const double* onward, const WaveForecast& forecast, bool judged, std::size_t count);
 
 /// Of one stage, by polynomials through the last steps, which are taken to be equally long: so many for each way.

@@ -27,7 +27,7 @@ public:
                                           const grids::FieldSet& u_before, grids::FieldSet& u_after) = 0;
   /// The stages of the step taken last, at the nodes, where the law of two solutions integrates its fluxes over them.
   [[nodiscard]] virtual std::span<const grids::FieldSet> stages() const { return {}; }
-  /// Whether the local law of two solutions reads the level before the step, too.
+  /// True if the local law of two solutions reads the level before the step, too.
   [[nodiscard]] virtual bool law_on_three_levels() const { return false; }
 };
 

@@ -7,8 +7,8 @@
 #include <rubato/variation/tuning.hpp>
 
 /// \file
-/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that whoever changes one sees the
-/// others. Those of the search for levels are in variation/tuning.hpp.
+/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that a reader who changes one sees
+/// the others. Those of the search for levels are in variation/tuning.hpp.
 
 /// The sweep over cells (cell_sweep.cpp).
 namespace rubato::tuning::cell_sweep {
@@ -61,8 +61,8 @@ inline constexpr double cancelled = 1e-13;         ///< of the sum of |terms|
 
 }  // namespace rubato::tuning::field_structure
 
-/// Stages of a slab by fixed-point iteration (gauss_slab.cpp).
-namespace rubato::tuning::gauss_slab {
+/// Stages of a slab by fixed-point iteration (gauss_step.cpp).
+namespace rubato::tuning::gauss_step {
 
 inline constexpr int most_slab_iterations = 200;
 /// What the next correction would mend, relative, at which nothing but rounding is left.
@@ -71,7 +71,7 @@ inline constexpr double enough = 0.25 * epsilon;
 inline constexpr double nearly_enough = 4.0 * epsilon;
 /// Matrices of a step that differs by this, relative, serve: what is left of them is mended with them.
 inline constexpr double nearby = 1e-10;
-/// Where the iteration contracts, what rounding makes of a stage's values enters the next ones with a factor below one;
+/// Where the iteration contracts, the rounding error of a stage's values enters the next ones with a factor below one;
 /// the transforms and the rest of S add some units in the last place of these values.
 inline constexpr double roundings = 16.0;
 /// Corrections that shrink less than this lead nowhere within most_slab_iterations.
@@ -86,9 +86,9 @@ inline constexpr double drift_in_reach = 0.5;
 /// Matrices of more are no sooner read than made: 2 MB.
 inline constexpr std::size_t most_entries_of_maps = 131072;
 
-}  // namespace rubato::tuning::gauss_slab
+}  // namespace rubato::tuning::gauss_step
 
-/// The same by Newton's method (gauss_slab_newton.cpp).
+/// The same by Newton's method (gauss_step_newton.cpp).
 namespace rubato::tuning::slab_newton {
 
 inline constexpr int most_slab_corrections = 40;
@@ -210,11 +210,11 @@ namespace rubato::tuning::stage_loops {
 
 /// Rows whose sums stay in registers.
 inline constexpr int rows_at_once = 8;
-/// Beside squares of stages, what rounding makes of a sum of them that is 0; and beside squares that are 0.
+/// Beside squares of stages, the rounding error of a sum of them that is 0; and beside squares that are 0.
 inline constexpr double rounding_of_squares = 256.0 * epsilon * epsilon;
 inline constexpr double least_square = 1e-300;
 /// A recurrence is taken where the polynomial missed the last stage by so many times more: an error that passes through
-/// 0 there tells nothing.
+/// 0 there shows nothing.
 inline constexpr double caution = 8.0;
 
 }  // namespace rubato::tuning::stage_loops

@@ -40,7 +40,7 @@ public:
 
   /// 1/D(μ) on every wave.
   void start(std::complex<double> mu, WaveRows& inverse) const;
-  /// Whether the entry is 0 on all waves.
+  /// True if the entry is 0 on all waves.
   [[nodiscard]] bool is_zero(int row, int column) const { return zero_[place(row, column)]; }
   /// The entry of P(μ)⁻¹ on the waves [begin, begin + count); `inverse` from start().
   void entry(int row, int column, std::complex<double> mu, const WaveRows& inverse, std::size_t begin,

@@ -1071,7 +1071,7 @@ double WaveSplitting::energy_here() {
   return wave_energy(x_) + first_energy_;
 }
 
-void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
+void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) {
   for (int p = 0; p < size(); ++p) {
     const int f = evolving_[static_cast<std::size_t>(p)];
     std::ranges::copy(rows.re.field(p), work_.re.field(f).begin());
@@ -1112,7 +1112,7 @@ void WaveSplitting::tell(const WaveRows& rows, At at, grids::FieldSet& fields) {
 }
 
 /// x_t = A x + M⁻¹∇N.
-void WaveSplitting::tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked) {
+void WaveSplitting::write_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked) {
   std::array<int, MultisymplecticSystem::most_fields> which{};
   std::array<double*, MultisymplecticSystem::most_fields> to{};
   std::size_t count = 0;

@@ -65,16 +65,18 @@ public:
   ///@}
   /// All fields where it led, where it stands, and where it stood before accept().
   ///@{
-  void fields(grids::FieldSet& fields) { tell(moved_, At::led, fields); }
-  void fields_here(grids::FieldSet& fields) { tell(x_, At::here, fields); }
-  void fields_before(grids::FieldSet& fields) { tell(before_, At::nowhere, fields); }
+  void fields(grids::FieldSet& fields) { write(moved_, At::led, fields); }
+  void fields_here(grids::FieldSet& fields) { write(x_, At::here, fields); }
+  void fields_before(grids::FieldSet& fields) { write(before_, At::nowhere, fields); }
   ///@}
   /// Their rates where it led, and where it stands; 0 for fields without equation of motion, and for those that are not
   /// asked for (empty: all are).
   ///@{
-  void rates(grids::FieldSet& rates, const std::vector<bool>& asked = {}) { tell_rates(moved_, At::led, rates, asked); }
+  void rates(grids::FieldSet& rates, const std::vector<bool>& asked = {}) {
+    write_rates(moved_, At::led, rates, asked);
+  }
   void rates_here(grids::FieldSet& rates, const std::vector<bool>& asked = {}) {
-    tell_rates(x_, At::here, rates, asked);
+    write_rates(x_, At::here, rates, asked);
   }
   ///@}
 
@@ -136,8 +138,8 @@ private:
   [[nodiscard]] double largest_of_waves(std::span<const double> values) const;
   [[nodiscard]] double sum_of_waves(double here) const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
-  void tell(const WaveRows& rows, At at, grids::FieldSet& fields);
-  void tell_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked);
+  void write(const WaveRows& rows, At at, grids::FieldSet& fields);
+  void write_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked);
   void forget();
   [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
 

@@ -46,7 +46,7 @@ std::optional<std::size_t> wanted_cells(const Value& value) {
   return number;
 }
 
-/// What [scheme] says of it, as far as it can be told here; what is wrong with it is said where it is read.
+/// What [scheme] says of it, as far as it can be reported here; what is wrong with it is said where it is read.
 std::unique_ptr<LatticeMethod> method_of(Value& root) {
   LatticeMethodChoice choice;
   const Entry* const section = find(*root.table(), "scheme");

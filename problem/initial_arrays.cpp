@@ -49,7 +49,7 @@ std::optional<std::size_t> level_number(const record::ArrayFile& file, const std
                                   t.begin());
 }
 
-/// The dataset, or its part at the level, if it has levels: if it has `rank` indices more than one, or is told by t.
+/// The dataset, or its part at the level, if it has levels: if it has `rank` indices more than one, or is given by t.
 record::Array read_level(const record::ArrayFile& file, const std::string& name, std::size_t rank,
                          const std::optional<double>& at, const std::string& from, const Location& location) {
   if (!file.has(name)) {

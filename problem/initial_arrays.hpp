@@ -16,7 +16,7 @@ namespace rubato {
 struct ArraySource {
   std::string file, group = "/";
 };
-/// Whether it is an HDF5 file, or a group of one, that is no record. \throws record::Error if it cannot be read
+/// True if it is an HDF5 file, or a group of one, that is no record. \throws record::Error if it cannot be read
 [[nodiscard]] bool is_array_source(const std::string& from);
 [[nodiscard]] ArraySource read_array_source(const std::string& from);
 

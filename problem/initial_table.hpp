@@ -11,7 +11,7 @@
 /// [initial] from = "start.csv": a table of numbers as the start.
 namespace rubato {
 
-/// Whether a file is read as a table, by its name: it ends with .csv.
+/// True if a file is read as a table, by its name: it ends with .csv.
 [[nodiscard]] bool is_table(std::string_view file);
 
 /// Numbers by columns, as many in each.

@@ -31,7 +31,7 @@ struct KeyEntry {
 /// The keys of one table.
 [[nodiscard]] std::vector<std::string_view> keys_of(std::string_view table);
 
-/// Whether the reader may ask for a key; "grid.y" and "grid.z" are as "grid.x".
+/// True if the reader may ask for a key; "grid.y" and "grid.z" are as "grid.x".
 [[nodiscard]] bool is_documented(std::string_view table, std::string_view key);
 
 /// The one table that has a key of that name; nothing if none has it, or several have.

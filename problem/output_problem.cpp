@@ -52,7 +52,7 @@ private:
       throw ProblemError(value.location,
                          fmt::format("times has {} entries, and may have {}; use interval", list.size(), most_times));
     }
-    // With time_scale nothing tells the physical time of the end.
+    // With time_scale nothing shows the physical time of the end.
     const double start = problem_.clock_start(), until = problem_.clock()
                                                              ? direction() * std::numeric_limits<double>::infinity()
                                                              : problem_.scheme.until;

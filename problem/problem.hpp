@@ -219,13 +219,13 @@ struct MultisymplecticProblem {
   std::string derived, density;
 
   [[nodiscard]] std::vector<std::string> axis_names() const;
-  /// Whether a field jumps along an axis.
+  /// True if a field jumps along an axis.
   [[nodiscard]] bool has_jumps() const;
-  /// Whether fields turn along an axis.
+  /// True if fields turn along an axis.
   [[nodiscard]] bool has_twists() const;
   /// The first sponge of an axis; null where there is none.
   [[nodiscard]] const StatedSponge* sponge() const;
-  /// Whether an axis is between walls.
+  /// True if an axis is between walls.
   [[nodiscard]] bool has_walls() const;
 };
 
@@ -305,11 +305,11 @@ struct Scheme {
 /// [laws]: at which levels and steps local laws, their totals and invariants are taken.
 struct Laws {
   std::int64_t every = 1;  ///< at every n-th; 0: at none
-  bool fields = false;     ///< whether the record has the residual in every cell, over the steps to stored levels
+  bool fields = false;     ///< true if the record has the residual in every cell, over the steps to stored levels
   Location location;
 
   [[nodiscard]] bool none() const { return every == 0; }
-  /// Whether those of this level, and of the step that leads to it, are taken.
+  /// True if those of this level, and of the step that leads to it, are taken.
   [[nodiscard]] bool taken_at(std::size_t level) const {
     return every > 0 && level % static_cast<std::size_t>(every) == 0;
   }
@@ -324,11 +324,11 @@ struct LevelRowsChoice {
   [[nodiscard]] bool all() const { return every == 1; }
 };
 
-/// [output.quantities]: a formula that is told at the output times.
+/// [output.quantities]: a formula that is reported at the output times.
 struct OutputQuantity {
   std::string name;
   FormulaText formula;                    ///< in coordinates, momenta and t; or in fields, with dx(f), integral(f) …
-  std::optional<std::vector<double>> at;  ///< a point of the grid's domain: told there alone
+  std::optional<std::vector<double>> at;  ///< a point of the grid's domain: reported there alone
   Location location;
 };
 
@@ -346,11 +346,11 @@ struct Output {
   bool in_fictitious_time = false;
   std::vector<OutputQuantity> quantities;
 
-  /// Whether there are times of their own.
+  /// True if there are times of their own.
   [[nodiscard]] bool has_times() const { return interval.has_value() || !times.empty(); }
-  /// Whether there is anything under /output.
+  /// True if there is anything under /output.
   [[nodiscard]] bool any() const { return has_times() || !quantities.empty(); }
-  /// Whether states are among it: at times of their own, unless quantities take their place.
+  /// True if states are among it: at times of their own, unless quantities take their place.
   [[nodiscard]] bool states_at_times() const { return has_times() && (states || quantities.empty()); }
   /// Every n-th level is stored.
   [[nodiscard]] std::int64_t states_every() const { return states ? every : std::numeric_limits<std::int64_t>::max(); }
@@ -368,7 +368,7 @@ struct StatedEvent {
   std::optional<std::vector<double>> at;  ///< of a lattice: a point of the domain where both are meant
   Direction direction = Direction::both;
   std::int64_t stop_after = 0;             ///< the run ends with the step of so many crossings; 0: it does not
-  std::vector<OutputQuantity> quantities;  ///< that are told at each crossing
+  std::vector<OutputQuantity> quantities;  ///< that are reported at each crossing
   Location location;
 
   [[nodiscard]] bool is_condition() const { return less.has_value(); }

@@ -28,7 +28,7 @@ public:
   Section(const Value::Table& table, Location location, std::string name);
 
   /// The entry called `key`, if it is there. The key has to be in the table of keys (keys.hpp), which is what people
-  /// are told.
+  /// are reported.
   const Entry* take(std::string_view key);
   /// The same for a key of an earlier version, which is in no table of keys.
   const Entry* take_outdated(std::string_view key);
@@ -99,7 +99,7 @@ private:
 /// The names of a lattice's problem before it declares any: t, the coordinates of the grid and dx, dy, dz are taken.
 [[nodiscard]] Names names_of_lattice(const Section& root);
 
-/// Whether it matches `[A-Za-z_][A-Za-z0-9_]*`.
+/// True if it matches `[A-Za-z_][A-Za-z0-9_]*`.
 [[nodiscard]] bool is_identifier(std::string_view name);
 
 /// Names as the user lists them, with vectors such as "r[3]", which stands for r1, r2, r3.
@@ -177,7 +177,7 @@ void check_separable(const HamiltonianProblem& orbit, const Parameters& paramete
 void check_kinetic_energy(const HamiltonianProblem& orbit, const Parameters& parameters, const Composition& composition,
                           const Location& location);
 
-/// Whether a formula names t, itself or through a definition.
+/// True if a formula names t, itself or through a definition.
 [[nodiscard]] bool names_time(const FormulaText& text, const Vocabulary& vocabulary, const Parameters& parameters);
 
 /// The pair that an extended phase space adds for a driven system: the time, and minus the work done.
@@ -236,10 +236,10 @@ void check_sponge(const Problem& problem);
 void read_field(Section& root, Section& section, Problem& problem);
 /// [ensemble], if there is one. Whether the entries that it changes exist is seen when its members are read.
 [[nodiscard]] std::optional<Ensemble> read_ensemble(Section& root, const Parameters& parameters);
-/// The part of [output] that says what is told, and when; needs all but it.
+/// The part of [output] that says what is reported, and when; needs all but it.
 void read_output_times(Section& section, Problem& problem);
-/// A quantity that is told at times: a formula, or { formula = "u", at = { x = 3.5 } }. `what` is what messages call
-/// it. \throws ProblemError also where the formula is none of such a quantity
+/// A quantity that is reported at times: a formula, or { formula = "u", at = { x = 3.5 } }. `what` is what messages
+/// call it. \throws ProblemError also where the formula is none of such a quantity
 [[nodiscard]] OutputQuantity read_quantity(const Value& value, std::string_view what, const Problem& problem);
 /// A point of a lattice's domain: at = { x = 3.5 }.
 [[nodiscard]] std::vector<double> read_point_of_grid(const Entry& at, const Problem& problem);

@@ -76,7 +76,7 @@ std::string mixed_term(const FormulaText& H, const std::vector<std::string>& nam
   return separation_in(graph, H, names, parameters).mixed;
 }
 
-/// Where in the text the first term stands that is mixed by itself; at its beginning if it cannot be told.
+/// Where in the text the first term stands that is mixed by itself; at its beginning if it cannot be reported.
 std::size_t place_of_mixed(const HamiltonianProblem& orbit, const std::vector<std::string>& names,
                            const Parameters& parameters) {
   const std::string& text = orbit.H.text;

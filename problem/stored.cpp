@@ -21,13 +21,13 @@ std::optional<std::vector<std::size_t>> every_nth(std::size_t count, std::size_t
 }
 
 StoredLevels::StoredLevels(const record::Reader& reader, const Problem& problem)
-    : told_step(reader.read("/levels/step")),
+    : reported_step(reader.read("/levels/step")),
       t(reader.read("/levels/t")),
       clock(reader.has(std::string(figures::level_times)) ? reader.read(std::string(figures::level_times)) : t),
       h(reader.read("/levels/h")),
       off_law(reader.read(record::off_law_path(reader))),
       state_t(reader.read("/states/t")),
-      told_level(reader.read("/states/level")),
+      reported_level(reader.read("/states/level")),
       last(figures::stored_last_level(reader).value_or(h.size())),
       every(static_cast<std::size_t>(problem.output.states_every())),
       rows_every(static_cast<std::size_t>(problem.levels.every)),
@@ -47,7 +47,8 @@ StoredLevels::StoredLevels(const record::Reader& reader, const Problem& problem)
   const bool fits_potential = potential.empty() || potential.size() == h.size();
   const bool fits_previous = !needs_previous || !has_previous || previous_t.size() == state_t.size();
   if (t.size() != h.size() + 1 || clock.size() != t.size() || off_law.size() != h.size() ||
-      told_step.size() != h.size() || !fits_potential || !fits_previous || told_level.size() != state_t.size()) {
+      reported_step.size() != h.size() || !fits_potential || !fits_previous ||
+      reported_level.size() != state_t.size()) {
     throw record::Error(reader.file(), unfit());
   }
   const auto rows = every_nth(t.size(), rows_every, last);

@@ -24,7 +24,7 @@ using figures::StoredRows;
 /// they were chosen.
 struct StoredLevels {
   std::vector<std::size_t> level;        ///< numbers of the levels that have a row, as their counts have them
-  std::vector<double> told_step;         ///< /levels/step: numbers of the steps that have a row, as stored
+  std::vector<double> reported_step;     ///< /levels/step: numbers of the steps that have a row, as stored
   std::vector<double> t;                 ///< of these levels
   std::vector<double> clock;             ///< the times of these levels that users read: with time_scale physical ones
   std::vector<double> h;                 ///< of the step to each of them but the first, the start
@@ -32,7 +32,7 @@ struct StoredLevels {
   std::vector<double> potential;         ///< of these steps: f'(h), a part of E_k; empty without a step potential
   std::vector<double> state_t;           ///< of the stored states
   std::vector<std::size_t> state_level;  ///< their levels, as `every` and the number of levels have them
-  std::vector<double> told_level;        ///< their levels as stored
+  std::vector<double> reported_level;    ///< their levels as stored
   std::vector<double> previous_t;        ///< of the level before each of them, where that is stored
   std::size_t last = 0;                  ///< number of the last level of the run
   std::size_t every = 1;                 ///< every n-th level has a state
@@ -45,7 +45,7 @@ struct StoredLevels {
   StoredLevels(const record::Reader& reader, const Problem& problem);
 
   [[nodiscard]] std::size_t steps() const { return last; }
-  /// Whether every level has a row and a state.
+  /// True if every level has a row and a state.
   [[nodiscard]] bool complete() const { return !sparse && rows_every == 1; }
   /// The row under /levels of a level, and of the step that led to a stored state; nothing where there is none.
   ///@{
@@ -59,7 +59,7 @@ struct StoredLevels {
   [[nodiscard]] double t_before(std::size_t state_row) const {
     return sparse ? previous_t[state_row] : state_t[state_row - 1];
   }
-  /// Whether the level before that of `state_row`, which is not the first, is the one that the row before it has.
+  /// True if the level before that of `state_row`, which is not the first, is the one that the row before it has.
   [[nodiscard]] bool follows(std::size_t state_row) const {
     return state_level[state_row - 1] + 1 == state_level[state_row];
   }

@@ -272,7 +272,7 @@ rubato::ExitStatus resume(const ResumeCommand& command) {
 
 rubato::ExitStatus check(const CheckCommand& command) {
   probe_record(command.file);
-  if (rubato::is_ensemble(record::Reader(command.file, record::Altered::told))) {
+  if (rubato::is_ensemble(record::Reader(command.file, record::Altered::reported))) {
     return report_members({.json = command.json}, {}, false, [&](const rubato::RunOptions& complete) {
       return rubato::check_ensemble(command.file, complete);
     });

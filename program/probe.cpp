@@ -38,7 +38,7 @@ constexpr rlim_t seconds_of_work = 5, bytes_a_second = 100'000'000;
   }
   try {
     if (record::is_record(file)) {
-      const record::Reader reader(file, record::Altered::told);  // which leaves what datasets hold to the command
+      const record::Reader reader(file, record::Altered::reported);  // which leaves what datasets hold to the command
     } else {
       const record::ArrayFile arrays(file);
     }

@@ -51,7 +51,7 @@ std::string canonical(const std::string& problem) {
   return rubato::write_document(rubato::read_document(problem, "problem"));
 }
 
-/// What the problem in a record tells of its numbers; nothing, where that problem cannot be read or is not of these
+/// What the problem in a record reports on its numbers; nothing, where that problem cannot be read or is not of these
 /// states: the numbers can be drawn without.
 report::Notes notes_on(const record::Reader& reader) {
   try {

@@ -25,7 +25,7 @@ void explain_crashes(std::string_view files);
 void keep_standard_streams();
 
 /// From now on a write beyond the allowed size of files (ulimit -f) fails, as it does on a full disk, and the reason is
-/// told; otherwise it ends the process.
+/// reported; otherwise it ends the process.
 void survive_file_limits();
 
 }  // namespace rubato::program

@@ -26,7 +26,7 @@ bool has_colour() {
 }
 
 void print_message(std::string_view kind, std::string_view colour, std::string_view message) {
-  // Not fmt::print, which throws where standard error cannot be written: then there is nobody to tell.
+  // Not fmt::print, which throws where standard error cannot be written: then there is nobody to show.
   const std::string shown = printable(message);
   const std::string text = has_colour() ? fmt::format("rubato: \x1b[1;{}m{}:\x1b[0m {}\n", colour, kind, shown)
                                         : fmt::format("rubato: {}: {}\n", kind, shown);

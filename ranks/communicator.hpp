@@ -83,7 +83,7 @@ public:
 /// called once in a process. \throws std::runtime_error if the MPI library cannot be used so
 [[nodiscard]] std::unique_ptr<Communicator> join();
 
-/// Whether join() starts the MPI library, which a process can do once: where a launcher started it, in a build with
+/// True if join() starts the MPI library, which a process can do once: where a launcher started it, in a build with
 /// MPI.
 [[nodiscard]] bool joins();
 

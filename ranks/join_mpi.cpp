@@ -11,7 +11,7 @@
 #include <thread>
 
 #include <rubato/ranks/communicator.hpp>
-#include <rubato/ranks/naps.hpp>
+#include <rubato/ranks/polling_delay.hpp>
 
 namespace rubato::ranks {
 
@@ -103,12 +103,12 @@ public:
     const auto end = std::chrono::steady_clock::now() + patience;
     MPI_Request request = MPI_REQUEST_NULL;
     MPI_Ibarrier(MPI_COMM_WORLD, &request);
-    Naps naps;
+    PollingDelay delay;
     while (!is_done(request)) {
       if (std::chrono::steady_clock::now() > end) {
         return false;
       }
-      naps.take();
+      delay.wait();
     }
     MPI_Finalize();
     return true;
@@ -133,9 +133,9 @@ private:
   }
   /// The library itself would wait without ever leaving the processor to others.
   static void wait_for(MPI_Request& request) {
-    Naps naps;
+    PollingDelay delay;
     while (!is_done(request)) {
-      naps.take();
+      delay.wait();
     }
   }
 

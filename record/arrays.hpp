@@ -43,7 +43,7 @@ private:
   std::unique_ptr<Implementation> implementation_;
 };
 
-/// Whether a file says of itself that it is a record, of any version. \throws Error if it cannot be read, or is not
+/// True if a file says of itself that it is a record, of any version. \throws Error if it cannot be read, or is not
 /// HDF5
 [[nodiscard]] bool is_record(const std::filesystem::path& file);
 

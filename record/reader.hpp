@@ -39,8 +39,8 @@ struct DatasetInfo {
 
 /// What becomes of a record that another program has altered, by the checksums in its attribute `checksums`.
 enum class Altered {
-  refused,  ///< it is an Error, with the first attribute or dataset that is not what was written
-  told,     ///< it is read, and Reader::altered() names them all: for those who look for the place
+  refused,   ///< it is an Error, with the first attribute or dataset that is not what was written
+  reported,  ///< it is read, and Reader::altered() names them all: for those who look for the place
 };
 
 /// Reads a record, which may be one that a run is still writing: the version at the time of opening is seen throughout.

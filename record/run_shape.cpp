@@ -130,7 +130,7 @@ private:
     }
   }
 
-  /// Rows of crossings, but for what is told of every step.
+  /// Rows of crossings, but for what is reported on every step.
   void require_event(const DatasetInfo& info, const std::string& group) const {
     const std::string name = info.path.substr(group.size() + 1);
     if (name == "missed" || name == "step") {

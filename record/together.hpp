@@ -13,10 +13,10 @@
 /// The chunks of such datasets get their places in the file before.
 namespace rubato::record {
 
-/// Whether rows of this dataset are so long: of 128 KiB at least, in a chunk or several.
+/// True if rows of this dataset are so long: of 128 KiB at least, in a chunk or several.
 [[nodiscard]] bool is_long(const Layout& layout, const Dataset& dataset);
 
-/// Whether this rank can write this file with others: HDF5 was built with MPI, the job has more ranks than one, and the
+/// True if this rank can write this file with others: HDF5 was built with MPI, the job has more ranks than one, and the
 /// file is there, on a file system that keeps what several processes write apart (not NFS). All of them have to say so.
 [[nodiscard]] bool can_write_together(const ranks::Communicator& ranks, const std::filesystem::path& file);
 

@@ -524,7 +524,7 @@ private:
     std::map<std::string, Checksum> checksums;
     for (auto& column : columns_) {
       const detail::Handle dataset = detail::open_dataset(file, column.description.path);
-      // The last version shows provisional rows too; the attribute tells `resume` where the whole levels end.
+      // The last version shows provisional rows too; the attribute shows `resume` where the whole levels end.
       const std::size_t end = last ? column.appended : column.complete;
       write_column(dataset, column, end, end * column.row_bytes);
       checksums[column.description.path] = column.checksum_of(end);

@@ -155,11 +155,11 @@ public:
   /// Forgets the rows appended since then.
   void drop_level();
 
-  /// Whether enough time has passed since the last commit, or, of a new record, since it was prepared (see
+  /// True if enough time has passed since the last commit, or, of a new record, since it was prepared (see
   /// CommitPolicy).
   [[nodiscard]] bool commit_due() const;
 
-  /// Whether there is a version for readers: one that was published, or that is resumed.
+  /// True if there is a version for readers: one that was published, or that is resumed.
   [[nodiscard]] bool published() const;
 
   /// Publishes everything up to the last `end_level`, with the checkpoint that belongs to it. What functions of the

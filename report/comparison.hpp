@@ -24,11 +24,11 @@ struct Comparison {
 };
 
 /// Brings problem texts that say the same in different ways into the same form, so that only differences in meaning are
-/// told. Without one, texts are compared as they are, but for comments and blanks.
+/// reported. Without one, texts are compared as they are, but for comments and blanks.
 using Canonical = std::function<std::string(const std::string&)>;
 
 /// \throws std::invalid_argument if the records have neither a coordinate nor a field in common: nothing in them can be
-/// compared. Otherwise whatever differs is told, not judged. record::Error
+/// compared. Otherwise whatever differs is reported, not judged. record::Error
 [[nodiscard]] Comparison compare(const record::Reader& a, const record::Reader& b, const Canonical& canonical = {});
 
 /// The table a person reads: figures side by side, then the lines in which the problems differ.

@@ -40,7 +40,7 @@ struct Contents {
 /// The same record with the node quantities in place of fields, and without errors and residuals.
 [[nodiscard]] Contents with_quantities_as_fields(Contents contents);
 
-/// The figures that the run told, from its record. \throws record::Error
+/// The figures that the run reported, from its record. \throws record::Error
 [[nodiscard]] figures::Statistics summarise(const record::Reader& reader, const Contents& contents);
 
 }  // namespace rubato::report

@@ -210,7 +210,7 @@ void export_states(Exporter& exporter, const Contents& contents) {
   exporter.table("states.csv", {}, states);
 }
 
-/// What an ensemble tells of each member: all that is one number, and the last states of orbits.
+/// What an ensemble reports on each member: all that is one number, and the last states of orbits.
 void export_members(Exporter& exporter, const record::Reader& reader) {
   const std::string group = "/members/", last = group + "last/";
   std::vector<TableSource> members{{group + "number", {"member"}}};
@@ -229,7 +229,7 @@ void export_members(Exporter& exporter, const record::Reader& reader) {
   exporter.table("members.csv", {}, members);
 }
 
-/// What is told at output times.
+/// What is reported at output times.
 void export_output(Exporter& exporter, const record::Reader& reader, const Contents& contents) {
   const std::string times = "/output/t";
   if (!reader.has(times)) {
@@ -255,7 +255,7 @@ void export_output(Exporter& exporter, const record::Reader& reader, const Conte
   exporter.table("output.csv", {}, numbers);
 }
 
-/// What an ensemble tells at output times, all members one after the other: orbits, and quantities that are numbers.
+/// What an ensemble shows at output times, all members one after the other: orbits, and quantities that are numbers.
 void export_member_outputs(Exporter& exporter, const record::Reader& reader) {
   const std::string group = "/output/";
   if (!reader.has(group + "member")) {

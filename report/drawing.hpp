@@ -35,7 +35,7 @@ struct Census {
 /// "name", "group", "count", "undefined", "starts_late", "has_gaps", "rounding" of a drawing.
 void write_drawing(Json& json, const Drawing& drawing, const Census& census);
 
-/// Whether these are the values of a level at which `drawing` has none yet, or none at all.
+/// True if these are the values of a level at which `drawing` has none yet, or none at all.
 [[nodiscard]] bool is_before_start(const Drawing& drawing, std::size_t level, std::span<const double> values);
 
 /// How many arrays the maps of a lattice need, and what surrounds them.

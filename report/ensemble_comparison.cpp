@@ -28,7 +28,7 @@ bool same_or_none(double a, double b) {
   return a == b || (std::isnan(a) && std::isnan(b));
 }
 
-/// Which members with the same number were given the same. Words are told by their places in a list: those of another
+/// Which members with the same number were given the same. Words are given by their places in a list: those of another
 /// list are others.
 std::vector<std::size_t> alike(const record::Reader& a, const record::Reader& b, const Columns& in_a,
                                const Columns& in_b) {
@@ -124,12 +124,12 @@ EnsembleComparison compare_ensembles(const record::Reader& a, const record::Read
       };
       comparison.ended_early = {ended(left), ended(right)};
     }
-    EnsembleComparison::Column told{.name = column.name,
-                                    .label = column.label,
-                                    .values = {figures::distribution_of(left), figures::distribution_of(right)}};
-    if (told.values[0].any() || told.values[1].any()) {
-      compare_members(left, right, numbers, told);
-      comparison.columns.push_back(std::move(told));
+    EnsembleComparison::Column reported{.name = column.name,
+                                        .label = column.label,
+                                        .values = {figures::distribution_of(left), figures::distribution_of(right)}};
+    if (reported.values[0].any() || reported.values[1].any()) {
+      compare_members(left, right, numbers, reported);
+      comparison.columns.push_back(std::move(reported));
     }
   }
   const bool has_last_states = [&] {
@@ -155,10 +155,10 @@ std::string to_table(const EnsembleComparison& comparison) {
       {"ended early", count(comparison.ended_early[0]), count(comparison.ended_early[1])}};
   for (const EnsembleComparison::Column& column : comparison.columns) {
     if (column.name != "status") {
-      const auto told = [&](std::size_t i) {
+      const auto reported = [&](std::size_t i) {
         return column.values[i].any() ? figures::line_of(column.label, column.values[i]).value : "";
       };
-      lines.push_back({column.label, told(0), told(1)});
+      lines.push_back({column.label, reported(0), reported(1)});
     }
   }
   std::string text = table_side_by_side(comparison.titles, comparison.files, lines);
@@ -179,7 +179,7 @@ std::string to_table(const EnsembleComparison& comparison) {
 }
 
 std::string to_json(const EnsembleComparison& comparison) {
-  std::vector<figures::JsonObject> records(2), told;
+  std::vector<figures::JsonObject> records(2), reported;
   for (const std::size_t i : {0, 1}) {
     records[i]
         .text("file", comparison.files[i])
@@ -204,12 +204,12 @@ std::string to_json(const EnsembleComparison& comparison) {
     if (column.same < comparison.alike) {
       figure.number("farthest", column.farthest).count("member", column.member).objects("there", there);
     }
-    told.push_back(std::move(figure));
+    reported.push_back(std::move(figure));
   }
   return figures::JsonObject()
       .objects("records", records)
       .count("members_alike", comparison.alike)
-      .objects("figures", told)
+      .objects("figures", reported)
       .lists("problem_differences", {comparison.only_in[0], comparison.only_in[1]})
       .str();
 }

@@ -10,7 +10,7 @@
 /// What a page shows of an ensemble, as the JSON that its scripts read. Not part of the library's interface.
 namespace rubato::report {
 
-/// Whether the record is one of many runs.
+/// True if the record is one of many runs.
 [[nodiscard]] bool is_ensemble(const record::Reader& reader);
 
 /// One array over the members.

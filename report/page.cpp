@@ -146,7 +146,7 @@ std::vector<std::vector<std::size_t>> shares_for(const std::vector<Part>& parts,
 }
 
 /// The page whose data begin with what `begin` writes; then comes what is said and drawn of each part, by `write_part`.
-/// Written twice: without figures, which tells how long its text is, and with them.
+/// Written twice: without figures, which shows how long its text is, and with them.
 template <typename Write>
 std::string assemble_within(std::string_view title, const std::vector<Part>& parts, const PageOptions& options,
                             const Write& write) {

@@ -11,7 +11,7 @@
 
 namespace rubato::report {
 
-/// What only the problem of a record tells, not its numbers: given by who can read problems.
+/// What only the problem of a record shows, not its numbers: given by who can read problems.
 struct Notes {
   /// Names of fields in the order in which they are drawn: the unknown of the equation first. Those left out come last.
   std::vector<std::string> fields;

@@ -74,7 +74,7 @@ public:
 
   [[nodiscard]] const Partition& rows() const { return rows_; }
   [[nodiscard]] const Partition& columns() const { return columns_; }
-  /// Whether each block is a single value, so that low() and high() are the data.
+  /// True if each block is a single value, so that low() and high() are the data.
   [[nodiscard]] bool is_whole() const { return rows_.is_whole() && columns_.is_whole(); }
   /// Row by row; complete once every row was added.
   [[nodiscard]] const std::vector<double>& low() const { return low_; }

@@ -38,7 +38,7 @@ struct Advice {
   std::string message = {};
   std::string title;
   double until = 0.0;                                             ///< the end of the trials
-  bool whole_run = true;                                          ///< whether that is the end of the run
+  bool whole_run = true;                                          ///< true if that is the end of the run
   double target = 0.0;                                            ///< the error at which schemes are compared
   AdvisedScheme present;                                          ///< the problem as it stands
   std::vector<AdvisedScheme> schemes = {};                        ///< by cost; those without one last

@@ -21,29 +21,29 @@ namespace rubato {
 
 namespace {
 
-/// What a run of the problem tells, in its order. \throws record::Error where the problem cannot be run
-void make_chronicle(const record::Reader& reader, const Problem& problem, const LatticeLeader* leader,
-                    std::optional<Chronicle>& chronicle) {
+/// What a run of the problem shows, in its order. \throws record::Error where the problem cannot be run
+void make_observed_run(const record::Reader& reader, const Problem& problem, const LatticeLeader* leader,
+                       std::optional<ObservedRun>& observed) {
   try {
     if (leader != nullptr) {
       leader->order(Order::make);
     }
-    chronicle.emplace(problem, reader.has("/laws/multisymplectic_max"));
+    observed.emplace(problem, reader.has("/laws/multisymplectic_max"));
   } catch (const ProblemError& error) {
     throw record::Error(reader.file(), fmt::format("the problem in it cannot be run ({})", error.what()));
   }
 }
 
-figures::Names names_in(const record::Reader& reader, const Chronicle& chronicle) {
-  figures::Names names{.invariants = chronicle.simulation().invariant_names(),
-                       .totals = chronicle.simulation().total_names(),
-                       .residuals = chronicle.simulation().law_names(),
+figures::Names names_in(const record::Reader& reader, const ObservedRun& observed) {
+  figures::Names names{.invariants = observed.simulation().invariant_names(),
+                       .totals = observed.simulation().total_names(),
+                       .residuals = observed.simulation().law_names(),
                        .exact = {},
                        .events = {}};
-  for (const auto& [name, event] : chronicle.statistics().events) {
+  for (const auto& [name, event] : observed.statistics().events) {
     names.events.push_back(name);
   }
-  for (const record::Dataset& dataset : chronicle.layout().datasets) {
+  for (const record::Dataset& dataset : observed.layout().datasets) {
     constexpr std::string_view group = "/exact/";
     if (dataset.path.starts_with(group) && reader.has(dataset.path)) {
       names.exact.push_back(dataset.path.substr(group.size()));
@@ -77,13 +77,13 @@ private:
     const StoredLevels levels(reader_, problem_);
     share();
     const LatticeLeader* const leader = leader_ ? &*leader_ : nullptr;
-    std::optional<Chronicle> chronicle;
-    make_chronicle(reader_, problem_, leader, chronicle);
-    const figures::Names names = names_in(reader_, *chronicle);
-    const CheckpointFindings checkpoint = check_checkpoint(reader_, levels, names, *chronicle, leader, findings_);
+    std::optional<ObservedRun> observed;
+    make_observed_run(reader_, problem_, leader, observed);
+    const figures::Names names = names_in(reader_, *observed);
+    const CheckpointDisagreements checkpoint = check_checkpoint(reader_, levels, names, *observed, leader, findings_);
     check_levels(reader_, levels, problem_, checkpoint, findings_);
-    const bool has_gamma = chronicle->simulation().has_gamma();
-    chronicle.reset();  // the states need its room
+    const bool has_gamma = observed->simulation().has_gamma();
+    observed.reset();  // the states need its room
     const Spread equation = problem_.hamiltonian() != nullptr
                                 ? check_orbit(reader_, levels, problem_, has_gamma, findings_)
                                 : check_lattice_of(levels, has_gamma);
@@ -183,14 +183,14 @@ private:
   Problem problem_;
   const ThreadCount threads_;
   std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
-  Findings findings_;
+  Disagreements findings_;
   Outcome outcome_;
 };
 
 }  // namespace
 
 Outcome check(const std::string& file, const CheckOptions& options) {
-  const record::Reader reader(file, record::Altered::told);
+  const record::Reader reader(file, record::Altered::reported);
   if (is_solution(reader)) {
     return blame_record(file, [&] { return check_solution(reader); });
   }

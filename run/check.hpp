@@ -15,14 +15,14 @@ struct CheckOptions {
   ranks::Communicator* ranks = nullptr;
 };
 
-/// Recomputes everything of a record that its stored states tell again, and compares: check_levels, check_orbit,
+/// Recomputes everything of a record that its stored states determine, and compares: check_levels, check_orbit,
 /// check_lattice. Also compares the statistics in the checkpoint, and the checksum of every dataset, which finds that a
 /// number was altered but not which.
 ///
 /// Where numbers disagree the outcome's status is ExitStatus::contradiction, and Outcome::disagreements names them. Its
 /// figures are those of the record, with what was recomputed in place of what disagrees; with the residual of the step
-/// equation in addition. What could not be recomputed is told in its warnings: with `every` > 1 steps between stored
-/// states, but for their checksums; iterations.
+/// equation in addition. What could not be recomputed is reported in its warnings: with `every` > 1 steps between
+/// stored states, but for their checksums; iterations.
 ///
 /// The record is read level by level. It may be that of a run still going, or of one that was killed.
 /// \throws record::Error if it cannot be read, or its datasets do not fit together; Interrupted where an Interruptible

@@ -22,14 +22,14 @@ constexpr const char* state_path = shared_state;
 /// Rows of more numbers are read in parts.
 constexpr std::size_t small_row = std::size_t{1} << 17;
 
-/// Compares the rows that a simulation tells with those of a record.
+/// Compares the rows that a simulation shows with those of a record.
 class Comparison final : public RowSink {
 public:
   using RowSink::append;
   using Wanted = std::function<bool(const std::string&)>;
 
   /// Begins with row `first(path)` of each dataset that is wanted.
-  Comparison(const record::Reader& reader, const record::Layout& layout, Findings& findings, std::string reason,
+  Comparison(const record::Reader& reader, const record::Layout& layout, Disagreements& findings, std::string reason,
              const Wanted& wanted, const std::function<std::size_t(const record::Dataset&)>& first)
       : reader_(reader), findings_(findings), reason_(std::move(reason)) {
     for (const record::Dataset& dataset : layout.datasets) {
@@ -82,19 +82,19 @@ private:
   }
 
   const record::Reader& reader_;
-  Findings& findings_;
+  Disagreements& findings_;
   std::string reason_;
   std::vector<Compared> columns_;
 };
 
 void compare_arrays(std::span<const double> stored, std::span<const double> expected, std::size_t offset,
-                    const char* reason, Findings& findings) {
+                    const char* reason, Disagreements& findings) {
   for (std::size_t i = 0; i < stored.size(); ++i) {
     findings.same(state_path, offset + i, {}, stored[i], expected[i], reason);
   }
 }
 
-void check_potential(const record::Reader& reader, const StepPotential& potential, Findings& findings) {
+void check_potential(const record::Reader& reader, const StepPotential& potential, Disagreements& findings) {
   const std::string path(figures::step_potential_path);
   if (!reader.has(path)) {
     return;
@@ -107,20 +107,20 @@ void check_potential(const record::Reader& reader, const StepPotential& potentia
 }
 
 /// The row of the level of the checkpoint, where the record has it.
-void check_last_row(const record::Reader& reader, const StoredLevels& levels, Chronicle& chronicle,
-                    Findings& findings) {
+void check_last_row(const record::Reader& reader, const StoredLevels& levels, ObservedRun& observed,
+                    Disagreements& findings) {
   const auto row = levels.row_of(levels.steps());
   if (!row) {
     return;
   }
   Comparison comparison(
-      reader, chronicle.layout(), findings, "the row in the checkpoint", [](const std::string&) { return true; },
+      reader, observed.layout(), findings, "the row in the checkpoint", [](const std::string&) { return true; },
       [&](const record::Dataset& dataset) { return dataset.axis == "/levels/step" ? *row - 1 : *row; });
-  chronicle.tell_row(comparison);
+  observed.append_row(comparison);
 }
 
 /// The statistics that readers take, against those that `resume` takes.
-void check_copy(const record::Reader& reader, const figures::Statistics& statistics, Findings& findings) {
+void check_copy(const record::Reader& reader, const figures::Statistics& statistics, Disagreements& findings) {
   const std::string path = "/checkpoint/" + std::string(figures::statistics_name);
   if (!reader.has(path)) {
     return;  // an earlier version
@@ -137,7 +137,7 @@ void check_copy(const record::Reader& reader, const figures::Statistics& statist
 }
 
 /// What the rows add up to is a part of the statistics of all levels and steps: counts and extremes go no further.
-void check_within(const figures::Statistics& part, const figures::Statistics& whole, Findings& findings) {
+void check_within(const figures::Statistics& part, const figures::Statistics& whole, Disagreements& findings) {
   constexpr const char* reason = "the rows go beyond the statistics of all levels, in the checkpoint";
   const auto parts = part.spreads(), wholes = whole.spreads();
   for (std::size_t i = 0; i < parts.size(); ++i) {
@@ -155,15 +155,15 @@ void check_within(const figures::Statistics& part, const figures::Statistics& wh
 }
 
 /// What the statistics say of the same, once or more often; and of levels and events that have all their rows.
-void check_counts(const StoredLevels& levels, const figures::Statistics& part, const Chronicle& chronicle,
-                  Findings& findings) {
-  const figures::Statistics& whole = chronicle.statistics();
+void check_counts(const StoredLevels& levels, const figures::Statistics& part, const ObservedRun& observed,
+                  Disagreements& findings) {
+  const figures::Statistics& whole = observed.statistics();
   const auto same = [&](double stored, double expected, const char* reason) {
     findings.same(state_path, 0, {}, stored, expected, reason);
   };
   const auto steps = static_cast<double>(whole.steps);
   same(steps, static_cast<double>(levels.steps()), "the number of steps in the statistics of the checkpoint");
-  same(whole.t, chronicle.simulation().t(), "the level of the checkpoint");
+  same(whole.t, observed.simulation().t(), "the level of the checkpoint");
   same(whole.start, levels.t.front(), "the start in /levels/t");
   same(whole.node_energy.initial, part.node_energy.initial, "the start in /levels/node_energy");
   for (const Spread* per_level : {&whole.node_energy.values, &whole.gamma}) {
@@ -186,13 +186,13 @@ void check_counts(const StoredLevels& levels, const figures::Statistics& part, c
 
 /// What the checkpoint says of the level it is at, against what the record says of it.
 void check_state(const record::Reader& reader, const StoredLevels& levels, const figures::Names& names,
-                 Chronicle& chronicle, const LatticeLeader* leader, Findings& findings) {
+                 ObservedRun& observed, const LatticeLeader* leader, Disagreements& findings) {
   const std::size_t last = levels.steps();
-  const bool tells_state = levels.state_level.back() == last;
+  const bool stores_state = levels.state_level.back() == last;
   if (leader != nullptr) {
-    leader->order_state(tells_state);
+    leader->order_state(stores_state);
   }
-  Simulation& simulation = chronicle.simulation();
+  Simulation& simulation = observed.simulation();
   const NodeEnergy node = simulation.node();
   if (const auto row = levels.row_of(last)) {
     findings.same("/levels/t", *row, {}, levels.t[*row], simulation.t(), "the level of the checkpoint");
@@ -201,50 +201,50 @@ void check_state(const record::Reader& reader, const StoredLevels& levels, const
         "/levels/node_energy", *row, {}, reader.read("/levels/node_energy", *row, 1).front(), node.energy,
         [&] {
           return Rounding::unit *
-                 std::max({std::abs(node.energy), chronicle.statistics().energy_scale(), simulation.energy_terms()});
+                 std::max({std::abs(node.energy), observed.statistics().energy_scale(), simulation.energy_terms()});
         },
         "the level of the checkpoint");
   }
 
   const figures::Statistics made = figures::statistics_of_rows(reader, names);
   StateWriter stored;
-  chronicle.statistics().save(stored);
-  const std::size_t offset = reader.rows(state_path) - chronicle.values_after_statistics() - stored.values().size();
+  observed.statistics().save(stored);
+  const std::size_t offset = reader.rows(state_path) - observed.values_after_statistics() - stored.values().size();
   if (levels.rows_every == 1) {
     StateWriter expected;
     made.save(expected);
     compare_arrays(stored.values(), expected.values(), offset, "the statistics of /levels and /laws", findings);
   } else {
-    check_within(made, chronicle.statistics(), findings);
-    check_counts(levels, made, chronicle, findings);
-    check_last_row(reader, levels, chronicle, findings);
+    check_within(made, observed.statistics(), findings);
+    check_counts(levels, made, observed, findings);
+    check_last_row(reader, levels, observed, findings);
   }
-  check_copy(reader, chronicle.statistics(), findings);
+  check_copy(reader, observed.statistics(), findings);
 
-  findings.same(state_path, offset + stored.values().size(), {}, static_cast<double>(chronicle.last_stored()),
+  findings.same(state_path, offset + stored.values().size(), {}, static_cast<double>(observed.last_stored()),
                 static_cast<double>(last / levels.every * levels.every), "the last of every n-th level");
-  if (tells_state) {
+  if (stores_state) {
     const auto of_states = [](const std::string& path) {
       return path.starts_with("/states/") && !path.starts_with("/states/previous/");
     };
-    Comparison comparison(reader, chronicle.layout(), findings, "the state in the checkpoint", of_states,
+    Comparison comparison(reader, observed.layout(), findings, "the state in the checkpoint", of_states,
                           [&](const record::Dataset&) { return levels.state_level.size() - 1; });
     if (leader == nullptr) {
-      chronicle.tell_state(comparison);
+      observed.append_state(comparison);
     } else {
-      GatheringSink gathering(leader->slab(), chronicle.layout(), &comparison);
-      chronicle.tell_state(gathering);
+      GatheringSink gathering(leader->slab(), observed.layout(), &comparison);
+      observed.append_state(gathering);
       gathering.finish();
       gathering.rethrow();
     }
   }
 }
 
-/// Brings a chronicle to the checkpoint, with other ranks where there are some. False if it is not one of the problem.
-bool restored(const record::Reader& reader, const record::Checkpoint& others, Chronicle& chronicle,
+/// Brings a observed to the checkpoint, with other ranks where there are some. False if it is not one of the problem.
+bool restored(const record::Reader& reader, const record::Checkpoint& others, ObservedRun& observed,
               const LatticeLeader* leader) {
   if (leader == nullptr) {
-    return restore(others, chronicle);
+    return restore(others, observed);
   }
   if (!reader.has(state_path)) {
     return false;
@@ -253,45 +253,45 @@ bool restored(const record::Reader& reader, const record::Checkpoint& others, Ch
   leader->order_restore(size);
   SharedState source(leader->slab(), &reader);
   StateReader state(source, size);
-  const bool done = restore(others, state, chronicle);
+  const bool done = restore(others, state, observed);
   source.rethrow();
   return done;
 }
 
 }  // namespace
 
-CheckpointFindings check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
-                                    const figures::Names& names, Chronicle& chronicle, const LatticeLeader* leader,
-                                    Findings& findings) {
+CheckpointDisagreements check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
+                                         const figures::Names& names, ObservedRun& observed,
+                                         const LatticeLeader* leader, Disagreements& findings) {
   if (record::is_of_earlier_version(reader)) {
     return {};
   }
   const record::Checkpoint checkpoint = reader.checkpoint(leader == nullptr ? "" : "state");
-  if (!restored(reader, checkpoint, chronicle, leader)) {
+  if (!restored(reader, checkpoint, observed, leader)) {
     findings.add({.dataset = state_path, .reason = "it is not the checkpoint of the problem in the record"});
     return {.is_checked = true};
   }
-  check_potential(reader, chronicle.simulation().step_potential(), findings);
-  CheckpointFindings result{.is_checked = true,
-                            .energy_terms = chronicle.simulation().energy_terms(),
-                            .potential = chronicle.simulation().step_potential()};
-  check_state(reader, levels, names, chronicle, leader, findings);
+  check_potential(reader, observed.simulation().step_potential(), findings);
+  CheckpointDisagreements result{.is_checked = true,
+                                 .energy_terms = observed.simulation().energy_terms(),
+                                 .potential = observed.simulation().step_potential()};
+  check_state(reader, levels, names, observed, leader, findings);
   return result;
 }
 
 namespace {
 
-/// Chronicle::take(). \throws Interrupted where this thread's Interruptible asks for it
-void take(Chronicle& chronicle, std::size_t most) {
+/// ObservedRun::take(). \throws Interrupted where this thread's Interruptible asks for it
+void take(ObservedRun& observed, std::size_t most) {
   Interruptible::end_if_asked();
-  chronicle.take(most);
-  if (chronicle.simulation().interrupted()) {
+  observed.take(most);
+  if (observed.simulation().interrupted()) {
     throw Interrupted();
   }
 }
 
 /// The problem with which the run began: if its step potential is not the one that is chosen for a run to `until`, but
-/// that of one that is too short for a scout, it was continued (is_short_run).
+/// that of one that is too short for a look-ahead, it was continued (is_short_run).
 Problem as_begun(const record::Reader& reader, const Problem& problem) {
   const std::string path(figures::step_potential_path);
   if (problem.multisymplectic() == nullptr || !reader.has(path)) {
@@ -299,9 +299,9 @@ Problem as_begun(const record::Reader& reader, const Problem& problem) {
   }
   const std::vector<double> stored = reader.read(path);
   const auto is_chosen = [&](const Problem& tried) {
-    Chronicle chronicle(tried, false);
-    take(chronicle, 1);  // the first chooses
-    const StepPotential& potential = chronicle.simulation().step_potential();
+    ObservedRun observed(tried, false);
+    take(observed, 1);  // the first chooses
+    const StepPotential& potential = observed.simulation().step_potential();
     return stored == std::vector{potential.strength, potential.length, potential.exponent};
   };
   if (!is_chosen(problem)) {
@@ -319,57 +319,57 @@ Problem as_begun(const record::Reader& reader, const Problem& problem) {
 std::size_t reproduced_states(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
                               std::size_t last) {
   const Problem begun = as_begun(reader, problem);
-  Chronicle chronicle(begun, reader.has("/laws/multisymplectic_max"));
-  Findings findings;
+  ObservedRun observed(begun, reader.has("/laws/multisymplectic_max"));
+  Disagreements findings;
   Comparison comparison(
-      reader, chronicle.layout(), findings, "the step taken again",
+      reader, observed.layout(), findings, "the step taken again",
       [](const std::string& path) { return path.starts_with("/states/") || path == "/levels/energy"; },
       [](const record::Dataset&) { return std::size_t{0}; });
-  chronicle.tell_start(comparison);
+  observed.append_start(comparison);
   std::size_t row = findings.disagreements() == 0 ? 1 : 0;
   for (std::size_t k = 0; k < levels.state_level[last] && findings.disagreements() == 0; ++k) {
-    take(chronicle, 1);
-    if (chronicle.simulation().taken().empty()) {
+    take(observed, 1);
+    if (observed.simulation().taken().empty()) {
       break;
     }
-    chronicle.tell_steps(comparison);
-    row += findings.disagreements() == 0 && chronicle.last_stored() == k + 1 ? 1 : 0;
+    observed.append_steps(comparison);
+    row += findings.disagreements() == 0 && observed.last_stored() == k + 1 ? 1 : 0;
   }
   if (row == last) {  // the last level, which is stored in addition to every n-th
-    chronicle.tell_last(comparison);
+    observed.append_last(comparison);
     row += findings.disagreements() == 0 ? 1 : 0;
   }
   return row;
 }
 
-void replay(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, Findings& findings) {
+void replay(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, Disagreements& findings) {
   const Problem begun = as_begun(reader, problem);
-  Chronicle chronicle(begun, reader.has("/laws/multisymplectic_max"));
+  ObservedRun observed(begun, reader.has("/laws/multisymplectic_max"));
   Comparison comparison(
-      reader, chronicle.layout(), findings, "the step taken again", [](const std::string&) { return true; },
+      reader, observed.layout(), findings, "the step taken again", [](const std::string&) { return true; },
       [](const record::Dataset&) { return std::size_t{0}; });
-  chronicle.tell_start(comparison);
-  const Simulation& simulation = chronicle.simulation();
-  while (chronicle.statistics().steps < levels.steps()) {
-    const std::size_t steps = chronicle.statistics().steps;
-    take(chronicle, levels.steps() - steps);
+  observed.append_start(comparison);
+  const Simulation& simulation = observed.simulation();
+  while (observed.statistics().steps < levels.steps()) {
+    const std::size_t steps = observed.statistics().steps;
+    take(observed, levels.steps() - steps);
     if (simulation.taken().empty()) {
       findings.add({.dataset = "/levels/h",
                     .row = steps,
                     .reason = fmt::format("the step taken again ended: {}", to_string(simulation.report().status))});
       return;
     }
-    chronicle.tell_steps(comparison);
+    observed.append_steps(comparison);
   }
   const record::Checkpoint checkpoint = reader.checkpoint();
   const auto found = checkpoint.find("state");
   const auto* stored = found == checkpoint.end() ? nullptr : std::get_if<std::vector<double>>(&found->second);
   StateWriter state;
-  chronicle.save(state);
+  observed.save(state);
   if (stored != nullptr && stored->size() == state.values().size()) {
     compare_arrays(*stored, state.values(), 0, "the run taken again", findings);
   }
-  chronicle.tell_last(comparison);
+  observed.append_last(comparison);
 }
 
 }  // namespace rubato

@@ -4,7 +4,7 @@
 
 namespace rubato {
 
-void conclude(const record::Reader& reader, Findings& findings, Outcome& outcome) {
+void conclude(const record::Reader& reader, Disagreements& findings, Outcome& outcome) {
   for (const std::string& name : reader.altered()) {
     if (!findings.has(name)) {
       findings.add({.dataset = name.front() == '/' ? name : "attribute " + name,

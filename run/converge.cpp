@@ -162,8 +162,8 @@ public:
   }
 
 private:
-  /// What a scout of each run would choose differs from run to run. f' of h·ratio is ratio^s f'(h), as errors are, so
-  /// that with the step the same levels are refined.
+  /// What a look-ahead of each run would choose differs from run to run. f' of h·ratio is ratio^s f'(h), as errors are,
+  /// so that with the step the same levels are refined.
   struct ChosenPotential {
     StepPotential of_whole;
     int order;

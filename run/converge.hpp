@@ -5,10 +5,10 @@
 #include <string_view>
 #include <vector>
 
-#include <rubato/run/member_findings.hpp>
+#include <rubato/run/member_verdicts.hpp>
 #include <rubato/run/run.hpp>
 
-/// How accurate a run is: what the laws do not tell, since they can be perfect on an orbit that is wrong.
+/// How accurate a run is: what the laws do not show, since they can be perfect on an orbit that is wrong.
 namespace rubato {
 
 /// What refining the step, or the grid, changed of one quantity at the end.
@@ -32,8 +32,8 @@ struct Convergence {
 struct ConvergenceOutcome {
   ExitStatus status = ExitStatus::done;
   std::string message = {};
-  bool ended = false;            ///< whether all runs reached their end, so that there is something to compare
-  MemberFindings findings = {};  ///< their warnings and verdicts
+  bool ended = false;            ///< true if all runs reached their end, so that there is something to compare
+  MemberVerdicts findings = {};  ///< their warnings and verdicts
   std::string title;
   double until = 0.0;
   double step = 0.0;
@@ -48,7 +48,7 @@ struct ConvergenceOutcome {
 /// What `converge` refines, and to which time it runs.
 struct ConvergeScope {
   std::optional<double> until = {};  ///< in place of the problem's
-  bool grids = true;                 ///< whether the spacings of a lattice are halved as well
+  bool grids = true;                 ///< true if the spacings of a lattice are halved as well
 };
 
 /// \throws ProblemError for an ensemble, for step = "auto", and where ranks share the run; `command` says so

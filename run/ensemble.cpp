@@ -19,10 +19,10 @@
 #include <rubato/problem/stored.hpp>
 #include <rubato/record/run_shape.hpp>
 #include <rubato/record/writer.hpp>
-#include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_lanes.hpp>
 #include <rubato/run/ensemble_member.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
+#include <rubato/run/observed_run.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/run_estimate.hpp>
 #include <rubato/run/threads.hpp>
@@ -202,13 +202,13 @@ private:
     }
     return names;
   }
-  /// What is kept of a member: its last state, its crossings, what is told at output times.
+  /// What is kept of a member: its last state, its crossings, what is reported at output times.
   [[nodiscard]] static record::Layout states_of(const Problem& problem) {
-    const Chronicle chronicle(problem, false);
+    const ObservedRun observed(problem, false);
     record::Layout states;
-    states.scales = chronicle.layout().scales;
-    std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_last_state);
-    std::ranges::copy_if(chronicle.layout().datasets, std::back_inserter(states.datasets), is_kept_whole);
+    states.scales = observed.layout().scales;
+    std::ranges::copy_if(observed.layout().datasets, std::back_inserter(states.datasets), is_last_state);
+    std::ranges::copy_if(observed.layout().datasets, std::back_inserter(states.datasets), is_kept_whole);
     return states;
   }
 
@@ -260,7 +260,7 @@ private:
   }
 
   /// Of every event the crossings of all members, one after the other, each with the number of its member; and so what
-  /// is told at output times.
+  /// is reported at output times.
   void add_series() {
     for (const record::Dataset& dataset : states_.datasets) {
       if (!is_kept_whole(dataset)) {
@@ -398,7 +398,7 @@ private:
       recorder_->writer().end_level();
     }
     outcome_.findings.add(member, "", result.warnings, result.judgement, is_end(result.status));
-    tell(result.status, result.message, std::move(result.figures));
+    write(result.status, result.message, std::move(result.figures));
   }
   /// Whether a run with this status reached its end.
   [[nodiscard]] static bool is_end(ExitStatus status) {
@@ -436,7 +436,7 @@ private:
     }
   }
 
-  void tell(ExitStatus status, const std::string& message, std::vector<double> figures) {
+  void write(ExitStatus status, const std::string& message, std::vector<double> figures) {
     const std::size_t member = written_++;
     outcome_.figures.push_back(std::move(figures));
     outcome_.statuses.push_back(status);
@@ -514,7 +514,7 @@ private:
       for (const std::vector<double>& column : columns) {
         figures.push_back(column.at(m));
       }
-      tell(static_cast<ExitStatus>(status[m]), "", std::move(figures));
+      write(static_cast<ExitStatus>(status[m]), "", std::move(figures));
     }
   }
 
@@ -554,8 +554,9 @@ Problem stored_ensemble(const record::Reader& reader) {
     if (!problem.ensemble) {
       throw record::Error(reader.file(), "it has members, and its problem has no [ensemble]");
     }
-    if (constexpr auto told = "/members/step_potential/max"; problem.scheme.usual_potential && reader.has(told)) {
-      const std::vector<double> largest = reader.read(told);
+    if (constexpr auto reported = "/members/step_potential/max";
+        problem.scheme.usual_potential && reader.has(reported)) {
+      const std::vector<double> largest = reader.read(reported);
       if (!largest.empty() && std::ranges::all_of(largest, [](double value) { return std::isnan(value); })) {
         // From before there was a usual potential.
         return parse_recorded(reader.header().problem, file, std::array<std::string, 1>{"scheme.step_potential=none"});
@@ -588,7 +589,7 @@ EnsembleOutcome resume_ensemble(const std::string& file, const RunOptions& optio
 }
 
 EnsembleOutcome check_ensemble(const std::string& file, const RunOptions& options) {
-  const record::Reader reader(file, record::Altered::told);
+  const record::Reader reader(file, record::Altered::reported);
   const Problem problem = stored_ensemble(reader);
   return blame_record(file, [&] { return EnsembleDriver(problem, options, file, &reader).check(reader); });
 }

@@ -5,7 +5,7 @@
 
 #include <rubato/figures/members.hpp>
 #include <rubato/record/reader.hpp>
-#include <rubato/run/member_findings.hpp>
+#include <rubato/run/member_verdicts.hpp>
 #include <rubato/run/run.hpp>
 
 /// Many runs of one problem: [ensemble] of its file.
@@ -34,13 +34,13 @@ struct EnsembleOutcome {
   std::vector<ExitStatus> statuses;              ///< of those finished
   std::vector<std::vector<double>> figures;      ///< of those finished, one number for each of `summary`
   std::vector<EnsembleFigure> summary;
-  MemberFindings findings;  ///< the warnings and verdicts of those finished
+  MemberVerdicts findings;  ///< the warnings and verdicts of those finished
   std::string message;      ///< why it ended early, or the first member that did; empty when all is well
   std::optional<double> wall_seconds;
   std::size_t compared = 0;  ///< by `check`
 };
 
-/// Whether the record is one of an ensemble.
+/// True if the record is one of an ensemble.
 [[nodiscard]] bool is_ensemble(const record::Reader& reader);
 
 /// Runs every member and writes the record. Members are published in the order of their numbers; a member that fails

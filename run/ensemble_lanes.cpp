@@ -195,7 +195,7 @@ public:
         observed.push_back(problem_.build(invariant.formula, *hamiltonian.graph(), orbit.formula_names()));
       }
     }
-    told_ = observed.size();
+    reported_ = observed.size();
     if (const auto events = events_of_z(problem_, hamiltonian)) {
       observed.insert(observed.end(), events->begin(), events->end());
       lanes_ = SplittingLanes::make(hamiltonian, composition(problem_.scheme.composition), observed, width, true);
@@ -221,7 +221,7 @@ public:
     }
     std::vector<SplittingLanes::End> ends(members.size());
     const SplittingLanes::Watch watch{.show = [this](const SplittingLanes::Step& step) { return follow(step); },
-                                      .first_function = told_,
+                                      .first_function = reported_,
                                       .functions = problem_.events.size()};
     if (!watched_.empty()) {
       for (std::size_t i = 0; i < members.size(); ++i) {
@@ -245,11 +245,11 @@ private:
   /// What is found along one member.
   struct Watched {
     explicit Watched(const Problem& problem)
-        : teller(problem), layout(described(teller)), rows(layout), names(teller.names()) {}
+        : writer(problem), layout(described(writer)), rows(layout), names(writer.names()) {}
 
-    static record::Layout described(EventTeller& teller) {
+    static record::Layout described(EventWriter& writer) {
       record::Layout layout;
-      teller.describe(layout);
+      writer.describe(layout);
       return layout;
     }
     void begin(std::span<const double> z, double t) {
@@ -258,14 +258,14 @@ private:
       for (const std::string& name : names) {
         figures.push_back({name, {}});
       }
-      teller.begin(rows, z, t, figures);
+      writer.begin(rows, z, t, figures);
       stopped_at_start = stopped();
     }
     [[nodiscard]] bool stopped() const {
       return std::ranges::any_of(figures, [](const EventFigures& event) { return event.value.stops(); });
     }
 
-    EventTeller teller;
+    EventWriter writer;
     record::Layout layout;
     LastRows rows;
     std::vector<std::string> names;
@@ -278,14 +278,15 @@ private:
     for (std::size_t i = 0; i < from_.size(); ++i) {
       // The sum that the rate is begins with 0.
       const auto sample = [&](std::span<const double> observed, double fraction) {
-        const double rate = observed[told_ + 2 * i + 1] + 0.0;
-        return CrossingSearch::Sample{.fraction = fraction, .value = observed[told_ + 2 * i], .rate = step.h * rate};
+        const double rate = observed[reported_ + 2 * i + 1] + 0.0;
+        return CrossingSearch::Sample{
+            .fraction = fraction, .value = observed[reported_ + 2 * i], .rate = step.h * rate};
       };
       from_[i] = sample(step.observed_0, 0.0);
       to_[i] = sample(step.observed_1, 1.0);
     }
     try {
-      watched.teller.append(watched.rows,
+      watched.writer.append(watched.rows,
                             {.z_0 = step.z_0, .z_1 = step.z_1, .t_0 = step.t_0, .t_1 = step.t_1, .h = step.h}, from_,
                             to_, watched.figures);
     } catch (const record::NotFinite&) {
@@ -316,10 +317,10 @@ private:
       }
     }
     result.warnings = statistics.undefined_quantities();
-    figures::JsonObject told;
-    figures::add_figures(told, statistics);
+    figures::JsonObject reported;
+    figures::add_figures(reported, statistics);
     for (const std::string& name : names) {
-      result.figures.push_back(told.find(name).value_or(std::numeric_limits<double>::quiet_NaN()));
+      result.figures.push_back(reported.find(name).value_or(std::numeric_limits<double>::quiet_NaN()));
     }
     const auto n = static_cast<std::ptrdiff_t>(end.z.size() / 2);
     result.states.emplace_back(end.z.begin(), end.z.begin() + n);
@@ -330,7 +331,7 @@ private:
   std::string signature_;
   Problem problem_;
   std::vector<std::string> invariants_;
-  std::size_t told_ = 0;  ///< invariants among what is observed; the rest are events
+  std::size_t reported_ = 0;  ///< invariants among what is observed; the rest are events
   std::unique_ptr<SplittingLanes> lanes_;
   std::vector<std::unique_ptr<Watched>> watched_;
   std::vector<CrossingSearch::Sample> from_, to_;  ///< of every event, in one step of one member
@@ -367,7 +368,7 @@ std::optional<MemberLanes::Own> MemberLanes::read(std::size_t member, std::strin
     try {
       check_run_span(t, step, until, problem.scheme.tolerance);
     } catch (const std::invalid_argument&) {
-      return std::nullopt;  // its own run tells why
+      return std::nullopt;  // its own run shows why
     }
     return Own{.z = start_of(*problem.hamiltonian()), .t = t, .step = step, .until = until};
   };

@@ -14,8 +14,8 @@ namespace rubato {
 /// The number that a TOML value is, where it is written in the usual way: "-1.5e-3". Nothing says nothing of the value.
 [[nodiscard]] std::optional<double> plain_number(std::string_view text);
 
-/// Whether members are orbits that differ in where they start alone, all told as plain numbers: then what can be read
-/// of one can be read of all.
+/// True if members are orbits that differ in where they start alone, all reported as plain numbers: then what can be
+/// read of one can be read of all.
 [[nodiscard]] bool differ_in_starts_alone(const Problem& ensemble);
 
 /// Members on fixed levels of a splitting that have one H, side by side in vectors (SplittingLanes): what is kept of
@@ -23,7 +23,7 @@ namespace rubato {
 class MemberLanes {
 public:
   /// Null where the members are no such, or where more is kept of them: output at times of its own.
-  /// \param figures the names of those to tell
+  /// \param figures the names of those to show
   [[nodiscard]] static std::unique_ptr<MemberLanes> make(const Problem& ensemble,
                                                          const std::vector<std::string>& figures);
 

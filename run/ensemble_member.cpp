@@ -13,9 +13,9 @@
 #include <rubato/base/interrupt.hpp>
 #include <rubato/figures/text.hpp>
 #include <rubato/record/error.hpp>
-#include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_lanes.hpp>
 #include <rubato/run/last_rows.hpp>
+#include <rubato/run/observed_run.hpp>
 #include <rubato/run/warnings.hpp>
 
 namespace rubato {
@@ -30,16 +30,16 @@ public:
         names_(figures),
         desk_(desk),
         at_once_(at_once),
-        chronicle_(problem, false),
-        rows_(chronicle_.layout()) {}
+        observed_(problem, false),
+        rows_(observed_.layout()) {}
 
-  [[nodiscard]] const record::Layout& layout() const { return chronicle_.layout(); }
+  [[nodiscard]] const record::Layout& layout() const { return observed_.layout(); }
 
   /// \return nothing where something is not a number among the steps taken at once: which shows one by one
   std::optional<MemberResult> run() {
     try {
-      chronicle_.tell_start(rows_);
-      while (result_.status == ExitStatus::done && !simulation().finished() && !chronicle_.stopped()) {
+      observed_.append_start(rows_);
+      while (result_.status == ExitStatus::done && !simulation().finished() && !observed_.stopped()) {
         next_steps();
       }
     } catch (const record::NotFinite& undefined) {
@@ -53,7 +53,7 @@ public:
   }
 
 private:
-  [[nodiscard]] Simulation& simulation() { return chronicle_.simulation(); }
+  [[nodiscard]] Simulation& simulation() { return observed_.simulation(); }
 
   void end_undefined(const std::string& what) {
     result_.status = ExitStatus::failed;
@@ -66,7 +66,7 @@ private:
       result_.status = ExitStatus::interrupted;
       return;
     }
-    const std::size_t steps = chronicle_.statistics().steps, most = static_cast<std::size_t>(problem_.scheme.max_steps);
+    const std::size_t steps = observed_.statistics().steps, most = static_cast<std::size_t>(problem_.scheme.max_steps);
     if (steps >= most) {
       result_.status = ExitStatus::failed;
       result_.message =
@@ -74,13 +74,13 @@ private:
       return;
     }
     const Interruptible here(desk_.interrupt());
-    chronicle_.take(std::min(most - steps, at_once_));
+    observed_.take(std::min(most - steps, at_once_));
     if (simulation().interrupted()) {
       result_.status = ExitStatus::interrupted;
       return;
     }
     if (!simulation().taken().empty()) {
-      chronicle_.tell_steps(rows_);
+      observed_.append_steps(rows_);
       if (!simulation().is_defined()) {
         result_.status = ExitStatus::failed;
         result_.message = fmt::format("the node energy or Gamma is not finite at t = {:.10g}", simulation().t());
@@ -97,15 +97,15 @@ private:
 
   void finish() {
     try {
-      if (result_.status != ExitStatus::failed && chronicle_.last_stored() != chronicle_.statistics().steps) {
-        chronicle_.tell_state(rows_);
+      if (result_.status != ExitStatus::failed && observed_.last_stored() != observed_.statistics().steps) {
+        observed_.append_state(rows_);
       }
     } catch (const record::NotFinite&) {
       result_.status = ExitStatus::failed;
     }
-    const figures::Statistics statistics = chronicle_.final_statistics();
+    const figures::Statistics statistics = observed_.final_statistics();
     result_.warnings = simulation().cautions();
-    for (std::string& sentence : warnings_of(problem_, chronicle_, statistics)) {
+    for (std::string& sentence : warnings_of(problem_, observed_, statistics)) {
       result_.warnings.push_back(std::move(sentence));
     }
     result_.judgement = figures::judge(statistics);
@@ -132,7 +132,7 @@ private:
   const MemberDesk& desk_;
   std::size_t at_once_;
   bool is_undefined_ = false;
-  Chronicle chronicle_;
+  ObservedRun observed_;
   LastRows rows_;
   MemberResult result_;
 };

@@ -1,4 +1,4 @@
-// What a person and a program are told of an ensemble.
+// What a person and a program are reported on an ensemble.
 
 #include <algorithm>
 #include <functional>

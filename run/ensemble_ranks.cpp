@@ -10,8 +10,8 @@
 
 #include <fmt/format.h>
 
-#include <rubato/ranks/naps.hpp>
 #include <rubato/ranks/packet.hpp>
+#include <rubato/ranks/polling_delay.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/run/lattice_ranks.hpp>
 #include <rubato/run/threads.hpp>
@@ -22,9 +22,9 @@ namespace rubato {
 namespace {
 
 using ranks::Message;
-using ranks::Naps;
 using ranks::Packet;
 using ranks::PacketReader;
+using ranks::PollingDelay;
 
 /// What a message is. Rank 0 sends the first five, the others the rest.
 enum Kind : int {
@@ -39,8 +39,8 @@ enum Kind : int {
   rank_has_left,  ///< the present work, and whether because it was interrupted
 };
 
-/// How long ranks that were told to halt are waited for before the record is closed without them. Where one of them has
-/// died, the launcher gives all others about a second from its first signal.
+/// How long ranks that were asked to halt are waited for before the record is closed without them. Where one of them
+/// has died, the launcher gives all others about a second from its first signal.
 constexpr std::chrono::milliseconds patience{200};
 
 void put(Packet& packet, const MemberResult& result) {
@@ -111,11 +111,11 @@ void put(Packet& packet, const std::exception_ptr& error) {
 /// What is wrong with the problem is so at every rank; all else depends on where it happens.
 std::exception_ptr take_error(PacketReader& packet, int rank) {
   const auto status = static_cast<ExitStatus>(packet.number());
-  const std::string reason = packet.text(), told = fmt::format("on rank {}: {}", rank, reason);
+  const std::string reason = packet.text(), reported = fmt::format("on rank {}: {}", rank, reason);
   switch (status) {
     case ExitStatus::wrong_input: return std::make_exception_ptr(std::invalid_argument(reason));
-    case ExitStatus::file_error: return std::make_exception_ptr(FileError(told));
-    default: return std::make_exception_ptr(std::runtime_error(told));
+    case ExitStatus::file_error: return std::make_exception_ptr(FileError(reported));
+    default: return std::make_exception_ptr(std::runtime_error(reported));
   }
 }
 
@@ -130,10 +130,10 @@ public:
       hand_out_work();
       while (working_ > 0 && !is_given_up()) {
         if (const auto message = ranks_.receive()) {
-          naps_.restart();
+          delay_.restart();
           answer(*message);  // what it throws has gone to the desk
         } else {
-          naps_.take();
+          delay_.wait();
         }
       }
     } catch (...) {
@@ -159,7 +159,7 @@ private:
     }
   }
 
-  /// Tells the others to halt where the desk has; true when they had their time for it.
+  /// Reports to the others to halt where the desk has; true when they had their time for it.
   bool is_given_up() {
     if (desk_.halted() && !halted_) {
       halted_ = Clock::now();
@@ -201,7 +201,7 @@ private:
   EnsembleWork work_;
   MemberDesk& desk_;
   int working_;
-  Naps naps_;
+  PollingDelay delay_;
   std::optional<Clock::time_point> halted_;
 };
 
@@ -266,7 +266,7 @@ private:
   }
 
   void talk() {
-    Naps naps;
+    PollingDelay delay;
     std::unique_lock lock(mutex_);
     while (true) {
       while (!outgoing_.empty()) {
@@ -275,7 +275,7 @@ private:
         lock.unlock();
         ranks_.send(0, kind, packet.bytes());
         lock.lock();
-        naps.restart();
+        delay.restart();
       }
       if (is_over_) {
         return;
@@ -284,10 +284,10 @@ private:
       const auto message = ranks_.receive();
       lock.lock();
       if (message) {
-        naps.restart();
+        delay.restart();
         take(*message);
       } else {
-        to_send_.wait_for(lock, naps.next(), [this] { return !outgoing_.empty() || is_over_; });
+        to_send_.wait_for(lock, delay.next(), [this] { return !outgoing_.empty() || is_over_; });
       }
     }
   }
@@ -357,18 +357,18 @@ std::string build_of_ranks() {
 }
 
 void help_rank_0(ranks::Communicator& ranks, const std::atomic<bool>* interrupt) {
-  for (Naps naps;;) {
+  for (PollingDelay delay;;) {
     const auto message = ranks.receive();
     if (!message) {
-      naps.take();
+      delay.wait();
     } else if (message->kind == work_to_do) {
       if (carry_out(ranks, *message, interrupt)) {
         return;
       }
-      naps.restart();
+      delay.restart();
     } else if (message->kind == lattice_to_do) {
       follow_leader(ranks, message->bytes);
-      naps.restart();
+      delay.restart();
     } else if (message->kind == go_home) {
       return;
     }

@@ -21,8 +21,8 @@ struct EnsembleWork {
   int threads = 0;  ///< of each rank; 0 for OpenMP's choice
 };
 
-/// At rank 0, while it lives: the other ranks take members from the desk and hand them in there. They may be told to
-/// halt, by the desk; one that is interrupted halts all. Nothing where there is no other rank.
+/// At rank 0, while it lives: the other ranks take members from the desk and hand them in there. They may be reported
+/// to halt, by the desk; one that is interrupted halts all. Nothing where there is no other rank.
 class OtherRanks {
 public:
   OtherRanks(ranks::Communicator* ranks, EnsembleWork work, MemberDesk& desk);

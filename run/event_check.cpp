@@ -27,17 +27,17 @@ private:
 };
 
 EventCheck::EventCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem,
-                       std::size_t components, Findings& findings)
+                       std::size_t components, Disagreements& findings)
     : levels_(levels),
       findings_(findings),
       clock_(problem.clock()),
-      teller_(levels.complete() ? make_events(problem) : nullptr),
+      writer_(levels.complete() ? make_events(problem) : nullptr),
       scales_(record.slab(), components) {
-  if (teller_ == nullptr) {
+  if (writer_ == nullptr) {
     return;
   }
-  teller_->describe(layout_);
-  for (const std::string& name : teller_->names()) {
+  writer_->describe(layout_);
+  for (const std::string& name : writer_->names()) {
     figures_.push_back({name, {}});
   }
   for (const record::Dataset& dataset : layout_.datasets) {
@@ -47,19 +47,19 @@ EventCheck::EventCheck(const SharedRecord& record, const StoredLevels& levels, c
 }
 
 void EventCheck::begin(std::span<const double> z) {
-  if (teller_ == nullptr) {
+  if (writer_ == nullptr) {
     return;
   }
   scales_.see(z);
   Rows sound(columns_.size());
-  teller_->begin(sound, z, levels_.t.front(), figures_);
+  writer_->begin(sound, z, levels_.t.front(), figures_);
   const std::vector<Rows> none;
   compare(
       sound, [&]() -> const std::vector<Rows>& { return none; }, "from the start");
 }
 
 void EventCheck::check_step(std::size_t state_row, std::span<const double> before, std::span<const double> z) {
-  if (teller_ == nullptr) {
+  if (writer_ == nullptr) {
     return;
   }
   scales_.see(z);
@@ -70,11 +70,11 @@ void EventCheck::check_step(std::size_t state_row, std::span<const double> befor
                   .h = levels_.h[state_row - 1],
                   .clock = clock_};
   StateWriter signs_before, signs_after;
-  teller_->save(signs_before);
+  writer_->save(signs_before);
   Rows sound(columns_.size());
   std::vector<EventFigures> after = figures_;
-  teller_->append(sound, step, after);
-  teller_->save(signs_after);
+  writer_->append(sound, step, after);
+  writer_->save(signs_after);
   // The rows of displaced states: at the same fractions, since a crossing that is located anew hides the rounding of
   // what is zero there; and located anew.
   std::vector<Rows> moved;
@@ -91,9 +91,9 @@ void EventCheck::check_step(std::size_t state_row, std::span<const double> befor
         std::vector<EventFigures> ignored = figures_;
         if (anew) {
           restore(signs_before);
-          teller_->append(moved.emplace_back(columns_.size()), other, ignored);
+          writer_->append(moved.emplace_back(columns_.size()), other, ignored);
         } else {
-          teller_->append_again(moved.emplace_back(columns_.size()), other, ignored);
+          writer_->append_again(moved.emplace_back(columns_.size()), other, ignored);
         }
       }
     }
@@ -106,7 +106,7 @@ void EventCheck::check_step(std::size_t state_row, std::span<const double> befor
 
 void EventCheck::restore(const StateWriter& signs) {
   StateReader reader{std::span<const double>(signs.values())};
-  teller_->restore(reader);
+  writer_->restore(reader);
 }
 
 void EventCheck::compare(const Rows& sound, const std::function<const std::vector<Rows>&()>& moved,

@@ -14,14 +14,14 @@
 
 namespace rubato {
 
-/// What a record tells under /events, made anew from its levels, where all of them have a state and a row: the signs
+/// What a record shows under /events, made anew from its levels, where all of them have a state and a row: the signs
 /// that decide on crossings go from step to step.
 class EventCheck {
 public:
   /// \param components how many numbers of a state have one scale: a field's, or one
   /// \throws figures::Mismatch for a dataset that is not there, or of another size
   EventCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, std::size_t components,
-             Findings& findings);
+             Disagreements& findings);
 
   /// In the order of the levels.
   ///@{
@@ -38,9 +38,9 @@ private:
   void restore(const StateWriter& signs);
 
   const StoredLevels& levels_;
-  Findings& findings_;
+  Disagreements& findings_;
   std::optional<std::size_t> clock_;  ///< Problem::clock()
-  std::unique_ptr<EventTeller> teller_;
+  std::unique_ptr<EventWriter> writer_;
   record::Layout layout_;
   std::vector<EventFigures> figures_;
   std::vector<SharedRows> columns_;

@@ -9,22 +9,22 @@
 
 namespace rubato {
 
-EventTeller::EventTeller(const Problem& problem)
+EventWriter::EventWriter(const Problem& problem)
     : problem_(problem),
       finder_(problem.hamiltonian() != nullptr ? make_orbit_events(problem) : make_lattice_events(problem)),
       columns_(problem.events.size()) {}
 
-std::string EventTeller::group(std::size_t event) const {
+std::string EventWriter::group(std::size_t event) const {
   return "/events/" + problem_.events[event].name;
 }
 
-std::vector<std::string> EventTeller::names() const {
+std::vector<std::string> EventWriter::names() const {
   std::vector<std::string> names;
   std::ranges::transform(problem_.events, std::back_inserter(names), &StatedEvent::name);
   return names;
 }
 
-void EventTeller::describe(record::Layout& layout) {
+void EventWriter::describe(record::Layout& layout) {
   using record::Type;
   for (std::size_t i = 0; i < problem_.events.size(); ++i) {
     const StatedEvent& event = problem_.events[i];
@@ -52,7 +52,7 @@ void EventTeller::describe(record::Layout& layout) {
   }
 }
 
-void EventTeller::begin(RowSink& sink, std::span<const double> z, double t, std::span<EventFigures> figures) {
+void EventWriter::begin(RowSink& sink, std::span<const double> z, double t, std::span<EventFigures> figures) {
   std::vector<double> values(problem_.events.size());
   finder_->begin(z, t, values);
   const OutputStep start{.z_0 = z, .z_1 = z, .t_0 = t, .t_1 = t, .h = 0.0, .clock = problem_.clock()};
@@ -63,18 +63,18 @@ void EventTeller::begin(RowSink& sink, std::span<const double> z, double t, std:
   }
 }
 
-void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
+void EventWriter::append(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   finder_->follow(step);
   append_again(sink, step, figures);
 }
 
-void EventTeller::append(RowSink& sink, const OutputStep& step, std::span<const CrossingSearch::Sample> from,
+void EventWriter::append(RowSink& sink, const OutputStep& step, std::span<const CrossingSearch::Sample> from,
                          std::span<const CrossingSearch::Sample> to, std::span<EventFigures> figures) {
   finder_->follow(step, from, to);
   append_again(sink, step, figures);
 }
 
-void EventTeller::append_again(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
+void EventWriter::append_again(RowSink& sink, const OutputStep& step, std::span<EventFigures> figures) {
   for (std::size_t i = 0; i < problem_.events.size(); ++i) {
     bool jumps = false;
     int crossings = 0;
@@ -92,7 +92,7 @@ void EventTeller::append_again(RowSink& sink, const OutputStep& step, std::span<
   }
 }
 
-void EventTeller::append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
+void EventWriter::append_row(RowSink& sink, std::size_t event, const OutputStep& step, const Crossing& crossing,
                              EventFigures& figures) {
   const double t = finder_->time(step, crossing.fraction);
   const auto last = static_cast<std::size_t>(problem_.events[event].stop_after);
@@ -113,8 +113,8 @@ void EventTeller::append_row(RowSink& sink, std::size_t event, const OutputStep&
   figures.value.add(t, stops, defined);
 }
 
-std::unique_ptr<EventTeller> make_events(const Problem& problem) {
-  return problem.events.empty() ? nullptr : std::make_unique<EventTeller>(problem);
+std::unique_ptr<EventWriter> make_events(const Problem& problem) {
+  return problem.events.empty() ? nullptr : std::make_unique<EventWriter>(problem);
 }
 
 }  // namespace rubato

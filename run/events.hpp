@@ -57,14 +57,14 @@ public:
 [[nodiscard]] std::unique_ptr<EventFinder> make_lattice_events(const Problem& problem);
 ///@}
 
-/// What a record tells under /events, and what that adds up to: a run and the check of its record make it of the same
+/// What a record shows under /events, and what that adds up to: a run and the check of its record make it of the same
 /// levels by the same code.
 ///
-/// A crossing is told with the step in which it is. A jump through zero is none, but it makes a condition true; it is
-/// marked as a step in which something was missed, and so is one in which the formula is not defined.
-class EventTeller {
+/// A crossing is reported with the step in which it is. A jump through zero is none, but it makes a condition true; it
+/// is marked as a step in which something was missed, and so is one in which the formula is not defined.
+class EventWriter {
 public:
-  explicit EventTeller(const Problem& problem);
+  explicit EventWriter(const Problem& problem);
 
   /// Adds the columns of all rows.
   void describe(record::Layout& layout);
@@ -94,6 +94,6 @@ private:
 };
 
 /// Nothing where the problem has no events.
-[[nodiscard]] std::unique_ptr<EventTeller> make_events(const Problem& problem);
+[[nodiscard]] std::unique_ptr<EventWriter> make_events(const Problem& problem);
 
 }  // namespace rubato

@@ -41,7 +41,7 @@ private:
   template <typename Append>
   void to_sink(const Append& append);
   void gather(record::Column column, std::span<const double> part);
-  /// What rank 0's sink wants, with a file that all ranks can write together; told to all ranks.
+  /// What rank 0's sink wants, with a file that all ranks can write together; reported to all ranks.
   [[nodiscard]] InParts wish();
   /// The checksums of all rows that wait, at rank 0; nothing at others. Rank 0 looks for numbers that are not finite.
   [[nodiscard]] std::vector<Checksum> judged(const InParts& wish);

@@ -27,7 +27,7 @@ namespace {
 class StoredLattice {
 public:
   StoredLattice(const SharedRecord& record, const MultisymplecticSystem& system, const NodeTable& exact,
-                const WholeFields& whole_fields, std::size_t nodes, const StoredLevels& levels, Findings& findings)
+                const WholeFields& whole_fields, std::size_t nodes, const StoredLevels& levels, Disagreements& findings)
       : system_(system),
         whole_(whole_fields),
         findings_(record.slab(), findings),
@@ -108,7 +108,7 @@ private:
 
   const MultisymplecticSystem& system_;
   const WholeFields& whole_;  ///< which the record has; levels have the periodic ones
-  PartFindings findings_;
+  PartDisagreements findings_;
   std::vector<std::optional<SharedRows>> fields_;
   std::vector<SharedRows> previous_;
 };
@@ -134,7 +134,7 @@ struct StoredLaw {
 class LatticeCheck {
 public:
   LatticeCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, bool has_gamma,
-               Findings& findings)
+               Disagreements& findings)
       : record_(record),
         levels_(levels),
         problem_(problem),
@@ -475,7 +475,7 @@ private:
     }
   }
 
-  /// Totals and invariants; `found` and `tolerance` tell of the node energy first.
+  /// Totals and invariants; `found` and `tolerance` report on the node energy first.
   template <typename Tolerance>
   void check_totals(std::size_t level, std::size_t at, std::vector<double>& found, Tolerance&& tolerance) {
     const bool taken = law_levels_.taken_at(level);
@@ -514,7 +514,7 @@ private:
     return scale;
   }
 
-  /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far tells
+  /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far shows
   /// it, is below rounding: an estimate that is off by the contraction's own variation from one correction to the next.
   static constexpr double solver_slack = 16.0;
   /// Where a law is evaluated at stages they are solved anew: both solutions end like that, and each wave's stages are
@@ -618,8 +618,8 @@ private:
   const StoredLevels& levels_;
   const Problem& problem_;
   bool has_gamma_;
-  Findings& findings_;
-  PartFindings parts_;
+  Disagreements& findings_;
+  PartDisagreements parts_;
   MultisymplecticSystem system_;
   grids::Grid grid_;
   std::unique_ptr<LatticeMethod> method_;
@@ -648,7 +648,7 @@ private:
 }  // namespace
 
 Spread check_lattice(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, bool has_gamma,
-                     Findings& findings) {
+                     Disagreements& findings) {
   return LatticeCheck(record, levels, problem, has_gamma, findings).run();
 }
 

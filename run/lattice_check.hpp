@@ -3,12 +3,12 @@
 #include <rubato/base/spread.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/problem/stored.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 #include <rubato/run/shared_rows.hpp>
 
 namespace rubato {
 
-/// Everything of a lattice's record that its stored states tell again, by a path independent of the run's solver:
+/// Everything of a lattice's record that its stored states determine, by a path independent of the run's solver:
 ///
 /// - the grid, from the problem;
 /// - at each stored level: the node energy, Γ (where every level is stored), totals, invariants, the exact solution;
@@ -19,6 +19,6 @@ namespace rubato {
 /// One level is in memory at a time; of a shared record each rank has its part of it, all call this, and rank 0 has the
 /// findings. \return the residuals of the step equation \throws record::Error
 [[nodiscard]] Spread check_lattice(const SharedRecord& record, const StoredLevels& levels, const Problem& problem,
-                                   bool has_gamma, Findings& findings);
+                                   bool has_gamma, Disagreements& findings);
 
 }  // namespace rubato

@@ -41,7 +41,7 @@ public:
       nodes.push_back("/grid/" + grid_.axis(a).name);
     }
     if (with_states_) {
-      for (const int f : told()) {
+      for (const int f : reported()) {
         const std::string& name = system_.fields()[static_cast<std::size_t>(f)];
         columns_.push_back(layout.add({"/output/" + name, "/output/t", nodes, record::Type::f64,
                                        "field " + name + " at the output times, by dense output", true}));
@@ -59,16 +59,16 @@ public:
     std::ranges::copy(step.z_0, level_.fields.all().begin());
     std::ranges::copy(step.z_1, next_.fields.all().begin());
     const bool known = between_->take(level_, next_, step.h, fraction_of(step, t)) == Status::success;
-    return tell(sink, between_->level(), t) && known;
+    return write(sink, between_->level(), t) && known;
   }
   bool append(RowSink& sink, std::span<const double> z, double t) override {
     std::ranges::copy(z, level_.fields.all().begin());
-    return tell(sink, level_, t);
+    return write(sink, level_, t);
   }
 
 private:
   /// The fields that there are at any time, and not in the middle of steps only.
-  [[nodiscard]] std::vector<int> told() const {
+  [[nodiscard]] std::vector<int> reported() const {
     std::vector<int> fields;
     for (int f = 0; f < system_.field_count(); ++f) {
       if (!system_.structure().at_midpoints(f)) {
@@ -78,11 +78,11 @@ private:
     return fields;
   }
 
-  bool tell(RowSink& sink, const LatticeLevel& level, double t) {
+  bool write(RowSink& sink, const LatticeLevel& level, double t) {
     if (with_states_) {
       const LatticeLevel& shown = laboratory_ ? (*laboratory_)(level, t) : level;
       auto column = columns_.begin();
-      for (const int f : told()) {
+      for (const int f : reported()) {
         sink.append(*column++, whole_(f, shown.fields.all()));
       }
     }
@@ -104,7 +104,7 @@ private:
   std::vector<LatticeQuantity> quantities_;
   std::optional<LaboratoryView> laboratory_;  ///< output times are of the laboratory
   WholeFields whole_;
-  std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields told, and of the quantities
+  std::vector<record::Column> columns_, quantity_columns_;  ///< of the fields reported, and of the quantities
   std::optional<LatticeBetween> between_;
 };
 

@@ -14,7 +14,7 @@ namespace rubato {
 /// The grid of a problem; of a thread that has a slab its part.
 [[nodiscard]] grids::Grid present_grid(const Problem& problem);
 
-/// A quantity of a lattice that is told at a time: a number, or one for each node.
+/// A quantity of a lattice that is reported at a time: a number, or one for each node.
 class LatticeQuantity {
 public:
   /// \throws ProblemError for fields that exist in the middle of steps only

@@ -13,10 +13,10 @@
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/ranks/packet.hpp>
-#include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
 #include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/lattice_check.hpp>
+#include <rubato/run/observed_run.hpp>
 #include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/version.hpp>
@@ -88,62 +88,62 @@ public:
 
   void carry_out(Order order) {
     if (order == Order::make) {
-      chronicle_ = std::make_unique<Chronicle>(problem_, tangents_);
+      observed_ = std::make_unique<ObservedRun>(problem_, tangents_);
       return;
     }
-    if (chronicle_ == nullptr && order != Order::check) {
+    if (observed_ == nullptr && order != Order::check) {
       throw std::logic_error("rank 0 goes on with a lattice that could not be made here");
     }
     switch (order) {
-      case Order::start: gathered([this](RowSink& sink) { chronicle_->tell_start(sink); }); break;
+      case Order::start: gathered([this](RowSink& sink) { observed_->append_start(sink); }); break;
       case Order::step: step(); break;
       case Order::save: save(); break;
       case Order::restore: restore(); break;
-      case Order::state: tell_state(); break;
+      case Order::state: append_state(); break;
       case Order::check: check(); break;
-      case Order::last: gathered([this](RowSink& sink) { chronicle_->tell_last(sink); }); break;
-      case Order::finish: static_cast<void>(chronicle_->final_statistics()); break;
+      case Order::last: gathered([this](RowSink& sink) { observed_->append_last(sink); }); break;
+      case Order::finish: static_cast<void>(observed_->final_statistics()); break;
       case Order::make:
       case Order::end: break;
     }
   }
 
 private:
-  /// Calls tell(sink) with one that gathers what is told.
-  template <typename Tell>
-  void gathered(const Tell& tell) {
-    GatheringSink sink(slab_, chronicle_->layout(), nullptr);
-    tell(sink);
+  /// Calls show(sink) with one that gathers what is reported.
+  template <typename Write>
+  void gathered(const Write& write) {
+    GatheringSink sink(slab_, observed_->layout(), nullptr);
+    write(sink);
     sink.finish();
   }
   void step() {
-    Simulation& simulation = chronicle_->simulation();
-    chronicle_->take(1);
+    Simulation& simulation = observed_->simulation();
+    observed_->take(1);
     if (!simulation.taken().empty()) {
-      gathered([&](RowSink& sink) { chronicle_->tell_steps(sink); });
+      gathered([&](RowSink& sink) { observed_->append_steps(sink); });
     } else {
       static_cast<void>(simulation.integrator().explain(simulation.report()));
     }
   }
   void save() {
     StateWriter state(StateWriter::For::record, nullptr);
-    chronicle_->save(state);
+    observed_->save(state);
   }
-  void tell_state() {
-    double told = 0.0;
-    slab_.broadcast(std::span(&told, 1));
-    static_cast<void>(chronicle_->simulation().node());
-    if (told != 0.0) {
-      gathered([this](RowSink& sink) { chronicle_->tell_state(sink); });
+  void append_state() {
+    double reported = 0.0;
+    slab_.broadcast(std::span(&reported, 1));
+    static_cast<void>(observed_->simulation().node());
+    if (reported != 0.0) {
+      gathered([this](RowSink& sink) { observed_->append_state(sink); });
     }
   }
   void check() {
-    chronicle_.reset();
+    observed_.reset();
     double has_gamma = 0.0;
     slab_.broadcast(std::span(&has_gamma, 1));
     const SharedRecord record(&slab_, nullptr);
     const StoredLevels levels = shared_levels(record, nullptr);
-    Findings of_rank_0;
+    Disagreements of_rank_0;
     static_cast<void>(check_lattice(record, levels, problem_, has_gamma != 0.0, of_rank_0));
   }
   void restore() {
@@ -151,13 +151,13 @@ private:
     slab_.broadcast(std::span(&size, 1));
     SharedState source(slab_, nullptr);
     StateReader state(source, static_cast<std::size_t>(size));
-    chronicle_->restore(state);
+    observed_->restore(state);
   }
 
   const Problem& problem_;
   bool tangents_;
   const grids::Slab& slab_;
-  std::unique_ptr<Chronicle> chronicle_;
+  std::unique_ptr<ObservedRun> observed_;
 };
 
 }  // namespace
@@ -222,14 +222,14 @@ void LatticeLeader::order_restore(std::size_t size) const {
   slab().broadcast(std::span(&number, 1));
 }
 
-void LatticeLeader::order_state(bool told) const {
+void LatticeLeader::order_state(bool reported) const {
   order(Order::state);
-  double number = told ? 1.0 : 0.0;
+  double number = reported ? 1.0 : 0.0;
   slab().broadcast(std::span(&number, 1));
 }
 
 Spread LatticeLeader::check(const record::Reader& reader, const StoredLevels& levels, bool has_gamma,
-                            Findings& findings) const {
+                            Disagreements& findings) const {
   order(Order::check);
   double number = has_gamma ? 1.0 : 0.0;
   slab().broadcast(std::span(&number, 1));

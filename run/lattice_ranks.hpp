@@ -11,7 +11,7 @@
 #include <rubato/problem/stored.hpp>
 #include <rubato/ranks/communicator.hpp>
 #include <rubato/record/reader.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 #include <rubato/run/run.hpp>
 
 /// A run on one lattice, or the check of its record, shared by the ranks of a job in slabs: all ranks do the same, each
@@ -28,13 +28,13 @@ void refuse_unshared(const Problem& problem, const RunOptions& options);
 
 /// What ranks do next: each of these takes all of them.
 enum class Order : int {
-  make,     ///< a chronicle of the problem
-  start,    ///< tell the start
-  step,     ///< take a step and tell it, or explain why not
+  make,     ///< a observed of the problem
+  start,    ///< show the start
+  step,     ///< take a step and show it, or explain why not
   save,     ///< for a checkpoint
   restore,  ///< from one
-  state,    ///< the energies at the present level; and tell its state, if that is wanted
-  last,     ///< tell the last state
+  state,    ///< the energies at the present level; and show its state, if that is wanted
+  last,     ///< show the last state
   finish,   ///< the statistics at the end
   check,    ///< the states of a record
   end,
@@ -66,11 +66,11 @@ public:
   void order(Order order) const;
   /// A state of `size` numbers.
   void order_restore(std::size_t size) const;
-  /// Whether the state is told as well.
-  void order_state(bool told) const;
+  /// True if the state is reported as well.
+  void order_state(bool reported) const;
   /// check_lattice() by all ranks, whose findings these are.
   [[nodiscard]] Spread check(const record::Reader& reader, const StoredLevels& levels, bool has_gamma,
-                             Findings& findings) const;
+                             Disagreements& findings) const;
   [[nodiscard]] const grids::Slab& slab() const { return lattice_.slab(); }
 
 private:

@@ -25,10 +25,10 @@ void Law::describe_cells(record::Layout& layout, const std::vector<std::string>&
 }
 
 void Law::append(RowSink& sink) const {
-  const figures::ResidualFigures told = figures();
-  sink.append(max_, told.max);
-  sink.append(rms_, told.rms);
-  sink.append(undefined_, static_cast<std::int64_t>(told.undefined));
+  const figures::ResidualFigures reported = figures();
+  sink.append(max_, reported.max);
+  sink.append(rms_, reported.rms);
+  sink.append(undefined_, static_cast<std::int64_t>(reported.undefined));
 }
 
 }  // namespace rubato

@@ -18,7 +18,7 @@ namespace rubato {
 /// record, and writes them itself.
 class Law {
 public:
-  /// \param cells where the residual in every cell is to be found; empty if its sizes alone are told
+  /// \param cells where the residual in every cell is to be found; empty if its sizes alone are reported
   explicit Law(std::string name, std::span<const double> cells = {}) : name_(std::move(name)), cells_(cells) {}
 
   [[nodiscard]] const std::string& name() const { return name_; }

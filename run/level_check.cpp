@@ -18,7 +18,7 @@ constexpr double none = std::numeric_limits<double>::quiet_NaN();
 class LevelCheck {
 public:
   LevelCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
-             const CheckpointFindings& checkpoint, Findings& findings)
+             const CheckpointDisagreements& checkpoint, Disagreements& findings)
       : reader_(reader),
         levels_(levels),
         problem_(problem),
@@ -86,7 +86,7 @@ private:
   void check_stored_levels() {
     for (std::size_t row = 0; row < levels_.state_level.size(); ++row) {
       const std::size_t level = levels_.state_level[row];
-      findings_.same("/states/level", row, {}, levels_.told_level[row], static_cast<double>(level),
+      findings_.same("/states/level", row, {}, levels_.reported_level[row], static_cast<double>(level),
                      "every n-th level is stored, and the last");
       if (const auto at = levels_.row_of(level)) {
         findings_.same("/states/t", row, {}, levels_.state_t[row], levels_.t[*at], "/levels/t of that level");
@@ -129,7 +129,7 @@ private:
     require_rows(iterations, step_rows());
     const std::string flags = record::off_law_path(reader_);
     for (std::size_t k = 0; k < step_rows(); ++k) {
-      findings_.same("/levels/step", k, {}, levels_.told_step[k], static_cast<double>(levels_.level[k + 1] - 1),
+      findings_.same("/levels/step", k, {}, levels_.reported_step[k], static_cast<double>(levels_.level[k + 1] - 1),
                      levels_.rows_every == 1 ? "steps are numbered from 0"
                                              : "that of the step to every n-th level, and to the last");
       const double off_law = levels_.off_law[k];
@@ -239,14 +239,14 @@ private:
   const StoredLevels& levels_;
   const Problem& problem_;
   bool fixed_;
-  const CheckpointFindings& checkpoint_;
-  Findings& findings_;
+  const CheckpointDisagreements& checkpoint_;
+  Disagreements& findings_;
 };
 
 }  // namespace
 
 void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
-                  const CheckpointFindings& checkpoint, Findings& findings) {
+                  const CheckpointDisagreements& checkpoint, Disagreements& findings) {
   LevelCheck(reader, levels, problem, checkpoint, findings).run();
 }
 

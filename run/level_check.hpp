@@ -3,11 +3,11 @@
 #include <rubato/problem/problem.hpp>
 #include <rubato/problem/stored.hpp>
 #include <rubato/run/checkpoint_check.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 
 namespace rubato {
 
-/// Whether what a record tells of its levels and steps fits together, and its problem, whatever the states are:
+/// Whether what a record reports on its levels and steps fits together, and its problem, whatever the states are:
 ///
 /// - times, steps and their numbers: t_{k+1} = t_k + h_k where both levels have a row; with fixed levels
 ///   t_k = start + k·step; the first step is the problem's; levels with a row, and with a state, are every n-th and the
@@ -21,6 +21,6 @@ namespace rubato {
 ///
 /// `checkpoint`: what the law's tolerance is relative to, and the step potential, as the checkpoint has them.
 void check_levels(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
-                  const CheckpointFindings& checkpoint, Findings& findings);
+                  const CheckpointDisagreements& checkpoint, Disagreements& findings);
 
 }  // namespace rubato

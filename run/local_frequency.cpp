@@ -78,7 +78,8 @@ double LocalFrequency::operator()(std::span<const double> z, double h) {
     // Displacements are multiplied by J H'' over their size: the second one begins from momenta of any size.
     const double before = length(std::span(v_).first(n));
     apply(z, v_);
-    // A momentum too small to be told from rounding, or too large for a difference, is scaled, and the result back.
+    // A momentum too small to be distinguished from rounding, or too large for a difference, is scaled, and the result
+    // back.
     const double momentum = length(std::span(v_).last(n)),
                  usual = small * (length(z.last(n)) + length(here_) * std::abs(h));
     const double scale = momentum > 0.0 && usual > 0.0 ? usual / momentum : 1.0;

@@ -67,7 +67,7 @@ private:
 class OrbitCheck {
 public:
   OrbitCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
-             Findings& findings)
+             Disagreements& findings)
       : reader_(reader),
         levels_(levels),
         problem_(problem),
@@ -465,7 +465,7 @@ private:
     }
     return result;
   }
-  /// What rounding makes of E_k in the step of check_map()'s inputs, the more of both ways in which map_step() takes
+  /// The rounding error of E_k in the step of check_map()'s inputs, the more of both ways in which map_step() takes
   /// it.
   [[nodiscard]] double rounding_of_map(std::span<const double> inputs) {
     const std::size_t size = 2 * n_;
@@ -495,7 +495,7 @@ private:
     return largest;
   }
 
-  /// The step of a one-step map: E_k, and z_1 - ψ_h(z_0). For what rounding makes of it: z_0 and h, z_1 and nothing.
+  /// The step of a one-step map: E_k, and z_1 - ψ_h(z_0). For its rounding error: z_0 and h, z_1 and nothing.
   /// \param step the row of the step
   void check_map(std::size_t row, std::size_t step, const std::vector<double>& z_0, const std::vector<double>& z_1) {
     const std::size_t size = 2 * n_;
@@ -642,7 +642,7 @@ private:
   const StoredLevels& levels_;
   const Problem& problem_;
   bool has_gamma_;
-  Findings& findings_;
+  Disagreements& findings_;
   const HamiltonianProblem& orbit_;
   std::optional<NodeLaw> law_;
   std::unique_ptr<DiscreteAction> action_;  ///< what a step is judged by: this, or
@@ -673,7 +673,7 @@ private:
 }  // namespace
 
 Spread check_orbit(const record::Reader& reader, const StoredLevels& levels, const Problem& problem, bool has_gamma,
-                   Findings& findings) {
+                   Disagreements& findings) {
   return OrbitCheck(reader, levels, problem, has_gamma, findings).run();
 }
 

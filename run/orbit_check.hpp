@@ -3,11 +3,11 @@
 #include <rubato/base/spread.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/problem/stored.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 
 namespace rubato {
 
-/// Everything of an orbit's record that its stored states tell again, by a path independent of the run:
+/// Everything of an orbit's record that its stored states determine, by a path independent of the run:
 ///
 /// - at each of them, and at the predecessors of stored levels: H, Γ, the invariants; at each the exact solution; the
 ///   first is the problem's initial state;
@@ -18,6 +18,6 @@ namespace rubato {
 /// `has_gamma`: whether the scheme has the Γ of the node law. \return the residuals of the step equation
 /// \throws record::Error
 [[nodiscard]] Spread check_orbit(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
-                                 bool has_gamma, Findings& findings);
+                                 bool has_gamma, Disagreements& findings);
 
 }  // namespace rubato

@@ -14,7 +14,7 @@ namespace rubato {
 
 namespace {
 
-/// Of an 𝕃 that depends on t no state between levels is known: H does not tell its rates.
+/// Of an 𝕃 that depends on t no state between levels is known: H does not show its rates.
 void refuse_dependence_on_time(const Problem& problem, std::string_view asked_for) {
   if (problem.scheme.lagrangian != LagrangianName::custom) {
     return;

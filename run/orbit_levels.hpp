@@ -12,7 +12,7 @@ namespace rubato {
 /// state is known; `asked_for` is what to leave out
 [[nodiscard]] OrbitBetween make_between(const Problem& problem, std::string_view asked_for);
 
-/// What tells the velocities of a problem that is stated by L; null for others.
+/// What shows the velocities of a problem that is stated by L; null for others.
 [[nodiscard]] std::unique_ptr<OneStepScheme> make_velocities(const Problem& problem);
 
 /// The momentum maps of [symmetries], among the invariants.

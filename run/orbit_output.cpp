@@ -64,11 +64,11 @@ public:
   bool append(RowSink& sink, const OutputStep& step, double t) override {
     const double fraction = step.clock ? fraction_at(step, t) : fraction_of(step, t);
     const bool known = between_->at(step.z_0, step.z_1, step.h, fraction, z_) == Status::success;
-    return tell(sink, t) && known;
+    return write(sink, t) && known;
   }
   bool append(RowSink& sink, std::span<const double> z, double t) override {
     std::ranges::copy(z, z_.begin());
-    return tell(sink, t);
+    return write(sink, t);
   }
   void save(StateWriter& state) const override {
     if (between_) {
@@ -125,7 +125,7 @@ private:
     return fraction;
   }
 
-  bool tell(RowSink& sink, double t) {
+  bool write(RowSink& sink, double t) {
     const std::size_t n = z_.size() / 2;
     if (with_states_) {
       sink.append(q_, std::span<const double>(z_).first(n));

@@ -31,7 +31,7 @@ struct OutputStep {
   }
 };
 
-/// What a record tells under /output at one time: the state, by dense output of the scheme's own order, and the
+/// What a record shows under /output at one time: the state, by dense output of the scheme's own order, and the
 /// quantities of the problem. A run and the check of its record make it of the same two levels by the same code.
 class OutputMaker {
 public:
@@ -39,8 +39,8 @@ public:
 
   /// Adds the columns of a row after /output/t.
   virtual void describe(record::Layout& layout) = 0;
-  /// Appends one row to each of them: at a time in a step, or at a level. \return whether all could be told; what could
-  /// not is not a number
+  /// Appends one row to each of them: at a time in a step, or at a level. \return whether all could be reported; what
+  /// could not is not a number
   ///@{
   virtual bool append(RowSink& sink, const OutputStep& step, double t) = 0;
   virtual bool append(RowSink& sink, std::span<const double> z, double t) = 0;

@@ -23,7 +23,7 @@ double largest_of(std::span<const double> values) {
 }  // namespace
 
 OutputCheck::OutputCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem,
-                         std::size_t components, Findings& findings)
+                         std::size_t components, Disagreements& findings)
     : record_(record),
       levels_(levels),
       problem_(problem),

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <rubato/problem/stored.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 #include <rubato/run/output.hpp>
 #include <rubato/run/output_times.hpp>
 #include <rubato/run/shared_rows.hpp>
@@ -16,16 +16,16 @@
 
 namespace rubato {
 
-/// What a record tells under /output, made anew from the levels around each time, as far as these are stored.
+/// What a record shows under /output, made anew from the levels around each time, as far as these are stored.
 class OutputCheck {
 public:
   /// \param components how many numbers of a state have one scale: a field's, or one
   OutputCheck(const SharedRecord& record, const StoredLevels& levels, const Problem& problem, std::size_t components,
-              Findings& findings);
+              Disagreements& findings);
 
   /// The times themselves.
   void check_times();
-  /// What is told at a stored level, and in the step that leads there from the level before.
+  /// What is reported at a stored level, and in the step that leads there from the level before.
   /// \param state_row of the level among the stored states
   ///@{
   void check_level(std::size_t state_row, std::span<const double> z);
@@ -52,10 +52,10 @@ private:
   SharedRecord record_;
   const StoredLevels& levels_;
   const Problem& problem_;
-  Findings& findings_;
-  PartFindings parts_;
+  Disagreements& findings_;
+  PartDisagreements parts_;
   std::unique_ptr<OutputMaker> maker_;
-  std::vector<Place> places_;  ///< those of which the record tells the level, in order
+  std::vector<Place> places_;  ///< those of which the record shows the level, in order
   std::vector<SharedRows> columns_;
   StateScales scales_;
 };

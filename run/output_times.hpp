@@ -8,7 +8,7 @@
 
 namespace rubato {
 
-/// The times at which a problem's [output] tells states and quantities, whatever the levels are.
+/// The times at which a problem's [output] shows states and quantities, whatever the levels are.
 class OutputTimes {
 public:
   explicit OutputTimes(const Problem& problem)

@@ -55,7 +55,7 @@ std::vector<std::size_t> sample(std::size_t rows) {
   return chosen;
 }
 
-/// The largest level seen of each dataset; what is not finite tells nothing.
+/// The largest level seen of each dataset; what is not finite shows nothing.
 class RecordedLevels {
 public:
   void see(const std::string& dataset, double magnitude) {

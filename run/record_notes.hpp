@@ -8,7 +8,7 @@
 
 namespace rubato {
 
-/// What only the problem of a record tells of the numbers in it, for those who draw them.
+/// What only the problem of a record reports on the numbers in it, for those who draw them.
 struct RecordNotes {
   /// Fields of a lattice in the order in which one wants to see them: first those with an exact solution, then those
   /// with an equation of motion, potentials, fields that space derivatives of others give, and last those that exist in

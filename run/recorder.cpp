@@ -21,19 +21,19 @@ const Values* array_of(const record::Checkpoint& checkpoint, const char* name) {
 }
 
 /// All but the state.
-record::Checkpoint others_of(const Chronicle& chronicle, const figures::Measures& measures) {
+record::Checkpoint others_of(const ObservedRun& observed, const figures::Measures& measures) {
   record::Checkpoint checkpoint;
-  if (const StepPotential& f = chronicle.simulation().step_potential(); f.active()) {
+  if (const StepPotential& f = observed.simulation().step_potential(); f.active()) {
     checkpoint.emplace("step_potential", std::vector<double>{f.strength, f.length, f.exponent});
   }
-  if (const std::optional<double> price = chronicle.simulation().potential_price()) {
-    checkpoint.emplace("potential_price", std::vector<double>{*price});
+  if (const std::optional<double> cost = observed.simulation().potential_cost()) {
+    checkpoint.emplace("potential_price", std::vector<double>{*cost});
   }
   StateWriter meter;
-  chronicle.meter().save(meter);
+  observed.meter().save(meter);
   checkpoint.emplace(meter_array, meter.values());
-  checkpoint.emplace(figures::statistics_name, chronicle.statistics().values());
-  checkpoint.emplace(figures::statistics_names_name, chronicle.statistics().names_text());
+  checkpoint.emplace(figures::statistics_name, observed.statistics().values());
+  checkpoint.emplace(figures::statistics_names_name, observed.statistics().names_text());
   checkpoint.emplace(figures::measures_name, figures::to_values(measures));
   return checkpoint;
 }
@@ -55,20 +55,20 @@ RowSink::InParts Recorder::in_parts(std::span<const record::Column> columns) {
   return wish;
 }
 
-std::optional<double> expected_record_bytes(const Chronicle& chronicle) {
-  const auto rows = record::expected_bytes(chronicle.layout());
-  return rows ? std::optional(*rows + static_cast<double>(size_of_state(chronicle) * sizeof(double))) : std::nullopt;
+std::optional<double> expected_record_bytes(const ObservedRun& observed) {
+  const auto rows = record::expected_bytes(observed.layout());
+  return rows ? std::optional(*rows + static_cast<double>(size_of_state(observed) * sizeof(double))) : std::nullopt;
 }
 
-std::size_t size_of_state(const Chronicle& chronicle) {
+std::size_t size_of_state(const ObservedRun& observed) {
   StateWriter count(StateWriter::For::going_back, nullptr);
-  chronicle.save(count);
+  observed.save(count);
   return count.size();
 }
 
-record::CheckpointInParts make_checkpoint(const Chronicle& chronicle, std::function<void()> begin,
+record::CheckpointInParts make_checkpoint(const ObservedRun& observed, std::function<void()> begin,
                                           std::function<figures::Measures()> measures) {
-  const auto hand_over = [&chronicle, begin = std::move(begin)](const record::CheckpointInParts::Take& take) {
+  const auto hand_over = [&observed, begin = std::move(begin)](const record::CheckpointInParts::Take& take) {
     std::exception_ptr thrown;  // other ranks are not left alone with what they send
     StateWriter state(StateWriter::For::record, [&](std::span<const double> part) {
       if (!thrown) {
@@ -80,42 +80,42 @@ record::CheckpointInParts make_checkpoint(const Chronicle& chronicle, std::funct
       }
     });
     begin();
-    chronicle.save(state);
+    observed.save(state);
     if (thrown) {
       std::rethrow_exception(thrown);
     }
   };
   return {.name = "state",
-          .size = size_of_state(chronicle),
+          .size = size_of_state(observed),
           .hand_over = hand_over,
-          .others = [&chronicle, measures = std::move(measures)] { return others_of(chronicle, measures()); }};
+          .others = [&observed, measures = std::move(measures)] { return others_of(observed, measures()); }};
 }
 
-bool restore(const record::Checkpoint& checkpoint, Chronicle& chronicle) {
+bool restore(const record::Checkpoint& checkpoint, ObservedRun& observed) {
   const auto* values = array_of<std::vector<double>>(checkpoint, "state");
   if (values == nullptr) {
     return false;
   }
   StateReader state{std::span<const double>(*values)};
-  return restore(checkpoint, state, chronicle);
+  return restore(checkpoint, state, observed);
 }
 
-bool restore(const record::Checkpoint& others, StateReader& state, Chronicle& chronicle) {
+bool restore(const record::Checkpoint& others, StateReader& state, ObservedRun& observed) {
   try {
-    chronicle.restore(state);
+    observed.restore(state);
     if (!state.done()) {
       return false;
     }
     if (const auto* values = array_of<std::vector<double>>(others, meter_array)) {
       StateReader meter{std::span<const double>(*values)};
-      chronicle.meter().restore(meter);
+      observed.meter().restore(meter);
     }
   } catch (const std::invalid_argument&) {
     return false;  // shorter than what it should restore
   }
-  if (const auto* price = array_of<std::vector<double>>(others, "potential_price");
-      price != nullptr && price->size() == 1) {
-    chronicle.simulation().integrator().levels().tell_potential_price(price->front());
+  if (const auto* cost = array_of<std::vector<double>>(others, "potential_price");
+      cost != nullptr && cost->size() == 1) {
+    observed.simulation().integrator().levels().set_potential_cost(cost->front());
   }
   return true;
 }

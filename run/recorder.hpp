@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <rubato/record/writer.hpp>
-#include <rubato/run/chronicle.hpp>
+#include <rubato/run/observed_run.hpp>
 #include <rubato/run/row_sink.hpp>
 #include <rubato/run/run.hpp>
 
@@ -44,7 +44,7 @@ public:
     writer_.append_written(column.number, row);
   }
   [[nodiscard]] record::Writer& writer() { return writer_; }
-  /// Whether rows were appended since the last call.
+  /// True if rows were appended since the last call.
   [[nodiscard]] bool take_appended() { return std::exchange(appended_, false); }
 
 private:
@@ -53,20 +53,20 @@ private:
 };
 
 /// About how many bytes the record of a run takes: its rows and one checkpoint. Empty if the number of rows is unknown.
-[[nodiscard]] std::optional<double> expected_record_bytes(const Chronicle& chronicle);
+[[nodiscard]] std::optional<double> expected_record_bytes(const ObservedRun& observed);
 /// Numbers in the state that a checkpoint of it has.
-[[nodiscard]] std::size_t size_of_state(const Chronicle& chronicle);
+[[nodiscard]] std::size_t size_of_state(const ObservedRun& observed);
 
 /// All that `resume` needs, for record::Writer: the state is written part by part, and never copied as a
-/// whole. The chronicle has to stay as it is meanwhile. \param begin called before the state is saved, by all ranks
+/// whole. The observed has to stay as it is meanwhile. \param begin called before the state is saved, by all ranks
 /// that share it \param measures those of the verdict, asked for after that
-[[nodiscard]] record::CheckpointInParts make_checkpoint(const Chronicle& chronicle, std::function<void()> begin,
+[[nodiscard]] record::CheckpointInParts make_checkpoint(const ObservedRun& observed, std::function<void()> begin,
                                                         std::function<figures::Measures()> measures);
 
-/// Brings a chronicle to where the checkpoint was made. False, and the chronicle in no state to be used, if the
+/// Brings a observed to where the checkpoint was made. False, and the observed in no state to be used, if the
 /// checkpoint is not one of its problem.
-[[nodiscard]] bool restore(const record::Checkpoint& checkpoint, Chronicle& chronicle);
+[[nodiscard]] bool restore(const record::Checkpoint& checkpoint, ObservedRun& observed);
 /// The same with the "state" apart from all else.
-[[nodiscard]] bool restore(const record::Checkpoint& others, StateReader& state, Chronicle& chronicle);
+[[nodiscard]] bool restore(const record::Checkpoint& others, StateReader& state, ObservedRun& observed);
 
 }  // namespace rubato

@@ -50,7 +50,7 @@ public:
       leader_.emplace(*options.ranks, problem, options.threads, options.tangents);
     }
     require_memory_for(problem, options, 1.0 / (options.ranks == nullptr ? 1 : options.ranks->size()));
-    make_chronicle();
+    make_observed_run();
     outcome_.title = problem.title;
     outcome_.file = std::move(file);
     outcome_.variable_levels = problem.scheme.levels == Levels::variable;
@@ -63,14 +63,14 @@ public:
     const Storing storing(options_.storing);
     if (memory_ != nullptr) {
       require_room();
-      memory_->begin(chronicle_->layout());
+      memory_->begin(observed_->layout());
     } else {
-      about_disk_ = require_disk_for(problem_, outcome_.file, expected_record_bytes(*chronicle_));
+      about_disk_ = require_disk_for(problem_, outcome_.file, expected_record_bytes(*observed_));
       recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(), options_.overwrite, commit_policy()));
     }
     try {
       order(Order::start);
-      tell(rows(), [this](RowSink& sink) { chronicle_->tell_start(sink); });
+      write(rows(), [this](RowSink& sink) { observed_->append_start(sink); });
     } catch (const record::NotFinite& error) {
       return undefined_at_start(error);
     }
@@ -85,10 +85,10 @@ public:
   /// checkpoint and the rows are of one version.
   Outcome resume(record::Claim claim) {
     const Storing storing(options_.storing);
-    auto continued = record::Writer::resume(std::move(claim), chronicle_->layout(), commit_policy(), state_apart());
+    auto continued = record::Writer::resume(std::move(claim), observed_->layout(), commit_policy(), state_apart());
     restore(continued.take_checkpoint());
     recorder_.emplace(std::move(continued));
-    const bool stopped = chronicle_->stopped(), at_end = simulation().finished() && !stopped;
+    const bool stopped = observed_->stopped(), at_end = simulation().finished() && !stopped;
     Outcome outcome = loop();
     if (stopped) {
       outcome.warnings.push_back(
@@ -109,9 +109,9 @@ private:
   /// long again.
   static constexpr std::chrono::milliseconds short_run{50};
 
-  [[nodiscard]] Simulation& simulation() { return chronicle_->simulation(); }
-  [[nodiscard]] const Statistics& statistics() const { return chronicle_->statistics(); }
-  [[nodiscard]] const OffLawCauses& causes() const { return chronicle_->causes(); }
+  [[nodiscard]] Simulation& simulation() { return observed_->simulation(); }
+  [[nodiscard]] const Statistics& statistics() const { return observed_->statistics(); }
+  [[nodiscard]] const OffLawCauses& causes() const { return observed_->causes(); }
   [[nodiscard]] record::Writer& writer() { return recorder_->writer(); }
   /// Takes the rows of the run.
   [[nodiscard]] RowSink& rows() { return memory_ != nullptr ? static_cast<RowSink&>(*memory_) : *recorder_; }
@@ -126,10 +126,10 @@ private:
   /// It goes into the file as it is made, of other ranks as their parts come.
   [[nodiscard]] record::CheckpointInParts checkpoint(std::function<figures::Measures()> measures) const {
     return make_checkpoint(
-        *chronicle_, [this] { order(Order::save); }, std::move(measures));
+        *observed_, [this] { order(Order::save); }, std::move(measures));
   }
   void commit() {
-    writer().commit(checkpoint([this] { return chronicle_->meter().measures(); }));
+    writer().commit(checkpoint([this] { return observed_->meter().measures(); }));
   }
 
   /// What all ranks do together, where there are others.
@@ -138,15 +138,15 @@ private:
       leader_->order(order);
     }
   }
-  void make_chronicle() {
+  void make_observed_run() {
     order(Order::make);
-    chronicle_.emplace(problem_, options_.tangents);
+    observed_.emplace(problem_, options_.tangents);
   }
   /// Lets `append` have a sink whose rows go to `sink`.
   template <typename Append>
-  void tell(RowSink& sink, const Append& append) {
+  void write(RowSink& sink, const Append& append) {
     if (leader_) {
-      GatheringSink gathering(leader_->slab(), chronicle_->layout(), &sink);
+      GatheringSink gathering(leader_->slab(), observed_->layout(), &sink);
       append(gathering);
       gathering.finish();
       gathering.rethrow();
@@ -158,7 +158,7 @@ private:
   /// \throws ProblemError if the rows of a run in memory certainly do not fit there
   void require_room() const {
     constexpr double little = 1e8;  // there is as much, and to look takes time
-    if (const auto bytes = record::expected_bytes(chronicle_->layout());
+    if (const auto bytes = record::expected_bytes(observed_->layout());
         bytes && *bytes > little && stores_as_expected(problem_)) {
       try {
         require_memory(*bytes, "the rows of the run");
@@ -171,7 +171,7 @@ private:
 
   /// Ranks write long rows of nodes together.
   [[nodiscard]] record::Layout layout_of_record() const {
-    record::Layout layout = chronicle_->layout();
+    record::Layout layout = observed_->layout();
     for (record::Dataset& dataset : layout.datasets) {
       dataset.together = leader_ && has_nodes(dataset);
     }
@@ -204,11 +204,11 @@ private:
         leader_->order_restore(size);
         SharedState source(leader_->slab(), &record);
         StateReader state(source, size);
-        restored = rubato::restore(checkpoint, state, *chronicle_);
+        restored = rubato::restore(checkpoint, state, *observed_);
         source.rethrow();
       }
     } else {
-      restored = rubato::restore(checkpoint, *chronicle_);
+      restored = rubato::restore(checkpoint, *observed_);
     }
     if (!restored) {
       throw record::Error(outcome_.file, "its checkpoint is not that of its problem: the run cannot be continued");
@@ -221,21 +221,21 @@ private:
   void go_back_to(std::size_t steps) {
     const Interruptible to_the_end(nullptr);
     memory_ != nullptr ? memory_->drop_level() : writer().drop_level();
-    make_chronicle();
+    make_observed_run();
     NoSink sink;
     if (published()) {
       restore(record::Reader(outcome_.file).checkpoint(state_apart()));
     } else {
       order(Order::start);
-      tell(sink, [this](RowSink& rows) { chronicle_->tell_start(rows); });
+      write(sink, [this](RowSink& rows) { observed_->append_start(rows); });
     }
     while (statistics().steps < steps) {
       order(Order::step);
-      chronicle_->take(steps - statistics().steps);
+      observed_->take(steps - statistics().steps);
       if (simulation().taken().empty()) {
         throw std::logic_error("a step that was taken before cannot be repeated");
       }
-      tell(sink, [this](RowSink& rows) { chronicle_->tell_steps(rows); });
+      write(sink, [this](RowSink& rows) { observed_->append_steps(rows); });
     }
   }
 
@@ -279,7 +279,7 @@ private:
         options_.caution(sentence);
       }
     }
-    while (outcome_.status == ExitStatus::done && !simulation().finished() && !chronicle_->stopped()) {
+    while (outcome_.status == ExitStatus::done && !simulation().finished() && !observed_->stopped()) {
       try {
         next_steps();
       } catch (const std::bad_alloc&) {
@@ -297,9 +297,9 @@ private:
     outcome_.complete = outcome_.status == ExitStatus::done;
     finish();
     order(Order::finish);
-    outcome_.statistics = chronicle_->final_statistics();
+    outcome_.statistics = observed_->final_statistics();
     if (leader_) {
-      outcome_.statistics.measures = chronicle_->meter().measures();
+      outcome_.statistics.measures = observed_->meter().measures();
     }
     outcome_.judgement = figures::judge(outcome_.statistics);
     if (outcome_.complete && outcome_.judgement.verdict == figures::Verdict::lost) {
@@ -307,7 +307,7 @@ private:
       outcome_.message = about_lost(outcome_.judgement);
     }
     outcome_.wall_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    for (std::string& sentence : warnings_of(problem_, *chronicle_, outcome_.statistics)) {
+    for (std::string& sentence : warnings_of(problem_, *observed_, outcome_.statistics)) {
       outcome_.warnings.push_back(std::move(sentence));
     }
     outcome_.step_potential = simulation().step_potential();
@@ -337,17 +337,17 @@ private:
 
   void finish() {
     if (memory_ != nullptr) {
-      chronicle_->tell_last(*memory_);
+      observed_->append_last(*memory_);
       memory_->end_level();
       return;
     }
     // Ranks keep the measures of the last level in the sample.
     writer().stage(
-        checkpoint([this] { return leader_ ? chronicle_->meter().measures() : chronicle_->final_measures(); }));
+        checkpoint([this] { return leader_ ? observed_->meter().measures() : observed_->final_measures(); }));
     // The last state is always stored. Where it is not one of every n-th it is provisional: `resume` drops it again, so
     // that a run continued is the same as one never stopped.
     order(Order::last);
-    tell(*recorder_, [this](RowSink& sink) { chronicle_->tell_last(sink); });
+    write(*recorder_, [this](RowSink& sink) { observed_->append_last(sink); });
     writer().finish(outcome_.complete ? record::Writer::Completion::complete : record::Writer::Completion::interrupted);
   }
 
@@ -378,8 +378,8 @@ private:
     const Interruptible here(leader_ ? nullptr : options_.interrupt);  // ranks look ahead together, to the end
     do {
       order(Order::step);
-      const StepReport& report = chronicle_->take(last - statistics().steps);
-      if (!simulation().taken().empty() && !tell_steps()) {
+      const StepReport& report = observed_->take(last - statistics().steps);
+      if (!simulation().taken().empty() && !append_steps()) {
         return;
       }
       if (simulation().interrupted()) {
@@ -392,8 +392,7 @@ private:
         outcome_.message = simulation().integrator().explain(report);
         return;
       }
-    } while (statistics().steps < last && !simulation().finished() && !chronicle_->stopped() &&
-             !Interruptible::asked());
+    } while (statistics().steps < last && !simulation().finished() && !observed_->stopped() && !Interruptible::asked());
     pace_.look();
     if (recorder_ && writer().commit_due()) {
       commit();
@@ -402,10 +401,10 @@ private:
   }
 
   /// Stores the steps taken. \return whether the run goes on
-  bool tell_steps() {
+  bool append_steps() {
     const std::size_t steps = statistics().steps, count = simulation().taken().size();
     try {
-      tell(rows(), [this](RowSink& sink) { chronicle_->tell_steps(sink); });
+      write(rows(), [this](RowSink& sink) { observed_->append_steps(sink); });
     } catch (const record::NotFinite& error) {
       if (count > 1) {  // which of them it is shows one by one
         pace_.keep_to_one();
@@ -456,7 +455,7 @@ private:
   MemoryRecord* const memory_;
   const ThreadCount threads_;            ///< before what allocates work space for each
   std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of
-  std::optional<Chronicle> chronicle_;
+  std::optional<ObservedRun> observed_;
   std::optional<Recorder> recorder_;
   const Clock::time_point begun_ = Clock::now();
   Clock::time_point last_progress_;

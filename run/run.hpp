@@ -90,7 +90,7 @@ struct Outcome {
   Statistics statistics;
   bool variable_levels = true;
   std::size_t axes = 0;                ///< of a lattice's grid
-  bool complete = false;               ///< whether `until` was reached
+  bool complete = false;               ///< true if `until` was reached
   std::string message;                 ///< why it ended early, with the remedy; empty when it did not
   std::vector<std::string> warnings;   ///< each one sentence, with the remedy
   figures::Judgement judgement;        ///< the verdict

@@ -20,9 +20,9 @@
 #include <rubato/ranks/communicator.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/record/writer.hpp>
-#include <rubato/run/chronicle.hpp>
 #include <rubato/run/ensemble_member.hpp>
 #include <rubato/run/no_sink.hpp>
+#include <rubato/run/observed_run.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/shared_rows.hpp>
 #include <rubato/run/threads.hpp>
@@ -64,26 +64,26 @@ Problem on_nodes(Problem problem, double nodes) {
 /// The first steps of a problem, without a record.
 class FirstSteps {
 public:
-  FirstSteps(const Problem& problem, bool tangents) : chronicle_(problem, tangents) { chronicle_.tell_start(rows_); }
+  FirstSteps(const Problem& problem, bool tangents) : observed_(problem, tangents) { observed_.append_start(rows_); }
 
   /// False where a coarse lattice needs shorter steps, or the run is over.
   bool take(std::size_t most) {
     if (ended()) {
       return false;
     }
-    chronicle_.take(most);
-    if (chronicle_.simulation().taken().empty()) {
+    observed_.take(most);
+    if (observed_.simulation().taken().empty()) {
       return false;
     }
-    chronicle_.tell_steps(rows_);
+    observed_.append_steps(rows_);
     return true;
   }
-  [[nodiscard]] bool ended() const { return chronicle_.simulation().finished() || chronicle_.stopped(); }
-  [[nodiscard]] const Chronicle& chronicle() const { return chronicle_; }
-  [[nodiscard]] std::size_t steps() const { return chronicle_.statistics().steps; }
+  [[nodiscard]] bool ended() const { return observed_.simulation().finished() || observed_.stopped(); }
+  [[nodiscard]] const ObservedRun& observed() const { return observed_; }
+  [[nodiscard]] std::size_t steps() const { return observed_.statistics().steps; }
 
 private:
-  Chronicle chronicle_;
+  ObservedRun observed_;
   NoSink rows_;
 };
 
@@ -110,7 +110,7 @@ std::optional<Growth> growth(const Problem& problem, bool tangents) {
       FirstSteps steps(problem, tangents);
       for (int step = 0; step < 2 && steps.take(1); ++step) {
       }
-      grown.state = static_cast<double>(size_of_state(steps.chronicle()));
+      grown.state = static_cast<double>(size_of_state(steps.observed()));
       grown.bytes = peak_memory() - before;
       grown.seconds = seconds_since(begin);
     } catch (...) {
@@ -251,7 +251,7 @@ private:
     } else if (*cost_.steps <= 1.0) {
       cost_.a_step = 0.0;
     }
-    layout_ = steps.chronicle().layout();
+    layout_ = steps.observed().layout();
     measure_record();
   }
 
@@ -265,7 +265,7 @@ private:
       return static_cast<double>(*levels - 1);
     }
     const double start = problem_.start();
-    const double steps = taken * (problem_.scheme.until - start) / (first.chronicle().simulation().t() - start);
+    const double steps = taken * (problem_.scheme.until - start) / (first.observed().simulation().t() - start);
     return std::min(std::ceil(steps), static_cast<double>(problem_.scheme.max_steps));
   }
 

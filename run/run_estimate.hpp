@@ -49,7 +49,7 @@ void require_memory_for(const Problem& problem, const RunOptions& options, doubl
 [[nodiscard]] std::string require_disk_for(const Problem& problem, const std::string& file,
                                            std::optional<double> bytes);
 
-/// Whether a run stores as many levels as are expected.
+/// True if a run stores as many levels as are expected.
 [[nodiscard]] bool stores_as_expected(const Problem& problem);
 
 /// "0.2 s", "3.4 h".

@@ -53,7 +53,7 @@ StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* level
     values.assign(numbers.begin(), numbers.end());
   };
   share(shared.level);
-  share(shared.told_step);
+  share(shared.reported_step);
   share(shared.t);
   share(shared.clock);
   share(shared.h);
@@ -61,7 +61,7 @@ StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* level
   share(shared.potential);
   share(shared.state_t);
   share(shared.state_level);
-  share(shared.told_level);
+  share(shared.reported_level);
   share(shared.previous_t);
   std::array<double, 5> others = {static_cast<double>(shared.every), static_cast<double>(shared.rows_every),
                                   static_cast<double>(shared.last), shared.sparse ? 1.0 : 0.0,
@@ -163,8 +163,8 @@ double SharedRows::at(std::size_t row) {
   return value;
 }
 
-bool PartFindings::finite(const std::string& path, std::size_t row, std::span<const double> stored,
-                          std::string_view reason) {
+bool PartDisagreements::finite(const std::string& path, std::size_t row, std::span<const double> stored,
+                               std::string_view reason) {
   constexpr double none = std::numeric_limits<double>::quiet_NaN();
   if (slab_ == nullptr) {
     bool all = true;
@@ -179,13 +179,13 @@ bool PartFindings::finite(const std::string& path, std::size_t row, std::span<co
   if (!any([&](std::size_t i) { return !std::isfinite(stored[i]); })) {
     return true;
   }
-  tell(path, row, reason, [&](std::size_t i) {
+  write(path, row, reason, [&](std::size_t i) {
     return std::isfinite(stored[i]) ? std::nullopt : std::optional(Numbers{stored[i], none, 0.0});
   });
   return false;
 }
 
-bool PartFindings::any(const std::function<bool(std::size_t)>& is) const {
+bool PartDisagreements::any(const std::function<bool(std::size_t)>& is) const {
   bool here = false;
   for (std::size_t i = slab_->first_node(); i < slab_->first_node() + slab_->owned() && !here; ++i) {
     here = is(i);
@@ -193,23 +193,23 @@ bool PartFindings::any(const std::function<bool(std::size_t)>& is) const {
   return slab_->largest_over_ranks(here ? 1.0 : 0.0) > 0.0;
 }
 
-void PartFindings::tell(const std::string& path, std::size_t row, std::string_view reason,
-                        const std::function<std::optional<Numbers>(std::size_t)>& find) {
-  constexpr std::size_t each = 1 + std::tuple_size_v<Numbers>, room = 1 + each * Findings::most_listed;
-  std::vector<double> told = {0.0};  // how many there are; of the first of them their places, and numbers
+void PartDisagreements::write(const std::string& path, std::size_t row, std::string_view reason,
+                              const std::function<std::optional<Numbers>(std::size_t)>& find) {
+  constexpr std::size_t each = 1 + std::tuple_size_v<Numbers>, room = 1 + each * Disagreements::most_listed;
+  std::vector<double> reported = {0.0};  // how many there are; of the first of them their places, and numbers
   for (std::size_t i = 0; i < slab_->owned(); ++i) {
     if (const auto found = find(slab_->first_node() + i)) {
-      if (told.size() < room) {
-        told.push_back(static_cast<double>(slab_->number_of_first() + i));
-        told.insert(told.end(), found->begin(), found->end());
+      if (reported.size() < room) {
+        reported.push_back(static_cast<double>(slab_->number_of_first() + i));
+        reported.insert(reported.end(), found->begin(), found->end());
       }
-      told[0] += 1.0;
+      reported[0] += 1.0;
     }
   }
-  told.resize(room);
-  const std::vector<double> all = slab_->collected(told);
+  reported.resize(room);
+  const std::vector<double> all = slab_->collected(reported);
   for (auto rest = std::span(all); !rest.empty(); rest = rest.subspan(room)) {
-    const auto count = static_cast<std::size_t>(rest[0]), listed = std::min(count, Findings::most_listed);
+    const auto count = static_cast<std::size_t>(rest[0]), listed = std::min(count, Disagreements::most_listed);
     for (std::size_t n = 0; n < listed; ++n) {
       const auto found = rest.subspan(1 + each * n, each);
       findings_.add({.dataset = path,

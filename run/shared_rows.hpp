@@ -13,7 +13,7 @@
 #include <rubato/grids/slab.hpp>
 #include <rubato/problem/stored.hpp>
 #include <rubato/record/reader.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 
 /// A record that the ranks of a job check together: rank 0 reads it, some planes at a time, and each rank gets its own.
 /// All ranks ask the same. What goes wrong at rank 0 ends it at all: it throws there what went wrong, and
@@ -41,7 +41,7 @@ private:
 /// The levels of a record, at all ranks; `levels` is looked at by rank 0 alone.
 [[nodiscard]] StoredLevels shared_levels(const SharedRecord& record, const StoredLevels* levels);
 
-/// Whether a row has a number for each node, of which every rank has some.
+/// True if a row has a number for each node, of which every rank has some.
 [[nodiscard]] bool has_nodes(const record::Dataset& dataset);
 
 /// figures::StoredRows, of which a rank has its part: where a row has a number for each node, those of its grid. Ghosts
@@ -57,7 +57,7 @@ public:
   /// Valid until the next call.
   [[nodiscard]] std::span<const double> row(std::size_t row);
   [[nodiscard]] double at(std::size_t row);
-  /// Whether a rank has a part of each row, and not all of it.
+  /// True if a rank has a part of each row, and not all of it.
   [[nodiscard]] bool are_in_parts() const { return in_parts_; }
 
 private:
@@ -72,12 +72,12 @@ private:
 };
 
 /// Compares rows of which each rank has its part; rank 0 has the findings.
-class PartFindings {
+class PartDisagreements {
 public:
-  PartFindings(const grids::Slab* slab, Findings& findings) : slab_(slab), findings_(findings) {}
+  PartDisagreements(const grids::Slab* slab, Disagreements& findings) : slab_(slab), findings_(findings) {}
 
-  /// As Findings::compare(), of every number of a row: `expected(i)` by the node of the part; tolerance() is asked by
-  /// all ranks.
+  /// As Disagreements::compare(), of every number of a row: `expected(i)` by the node of the part; tolerance() is asked
+  /// by all ranks.
   template <typename Expected, typename Tolerance>
   void compare(const std::string& path, std::size_t row, std::span<const double> stored, Expected&& expected,
                Tolerance&& tolerance, std::string_view reason) {
@@ -88,32 +88,32 @@ public:
       return;
     }
     findings_.count(slab_->whole().size());
-    if (!any([&](std::size_t i) { return Findings::differ(stored[i], expected(i)); })) {
+    if (!any([&](std::size_t i) { return Disagreements::differ(stored[i], expected(i)); })) {
       return;
     }
     const double allowed = tolerance();
-    tell(path, row, reason, [&](std::size_t i) -> std::optional<Numbers> {
+    write(path, row, reason, [&](std::size_t i) -> std::optional<Numbers> {
       const double found = stored[i], right = expected(i);
       const bool finite = std::isfinite(found) && std::isfinite(right);
-      return !Findings::differ(found, right) || (finite && std::abs(found - right) <= allowed)
+      return !Disagreements::differ(found, right) || (finite && std::abs(found - right) <= allowed)
                  ? std::nullopt
                  : std::optional(Numbers{found, right, finite ? allowed : 0.0});
     });
   }
-  /// Whether all numbers of a row are finite; those that are not are findings.
+  /// True if all numbers of a row are finite; those that are not are findings.
   bool finite(const std::string& path, std::size_t row, std::span<const double> stored, std::string_view reason);
 
 private:
   /// What is stored, what is expected, within what.
   using Numbers = std::array<double, 3>;
-  /// Whether it is so at a node, of those of all ranks.
+  /// True if it is so at a node, of those of all ranks.
   [[nodiscard]] bool any(const std::function<bool(std::size_t)>& is) const;
-  /// Tells rank 0 what is found at nodes, in the order of their numbers.
-  void tell(const std::string& path, std::size_t row, std::string_view reason,
-            const std::function<std::optional<Numbers>(std::size_t)>& find);
+  /// Reports to rank 0 what is found at nodes, in the order of their numbers.
+  void write(const std::string& path, std::size_t row, std::string_view reason,
+             const std::function<std::optional<Numbers>(std::size_t)>& find);
 
   const grids::Slab* slab_;
-  Findings& findings_;
+  Disagreements& findings_;
 };
 
 }  // namespace rubato

@@ -23,7 +23,7 @@ using figures::Named;
 /// A step that was taken, with the level that it led to.
 struct TakenStep {
   StepReport report;
-  double rounding = 0.0;  ///< a bound of what rounding makes of E_k
+  double rounding = 0.0;  ///< a bound of the rounding error of E_k
   figures::LevelFigures level;
 };
 
@@ -59,18 +59,18 @@ public:
   [[nodiscard]] double t() const { return integrator().t(); }
   /// The time of the present level that users read: with time_scale the physical one.
   [[nodiscard]] double clock() const { return last().end(); }
-  [[nodiscard]] NodeEnergy node() { return integrator().told_node(); }  ///< H(z_k) and Γ(z_k), where it stands
+  [[nodiscard]] NodeEnergy node() { return integrator().reported_node(); }  ///< H(z_k) and Γ(z_k), where it stands
   [[nodiscard]] bool autonomous() const { return integrator().autonomous(); }
-  /// Whether node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
+  /// True if node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.
   [[nodiscard]] bool has_gamma() const { return integrator().has_gamma(); }
-  /// A bound of what rounding makes of E_k of the step just taken, and the largest sum of the magnitudes of its terms
+  /// A bound of the rounding error of E_k of the step just taken, and the largest sum of the magnitudes of its terms
   /// so far, which the tolerance of the law is relative to.
   ///@{
   [[nodiscard]] double energy_rounding() const { return integrator().levels().energy_rounding(); }
   [[nodiscard]] double energy_terms() const { return integrator().levels().energy_scale(); }
   ///@}
   /// The step potential of the run; none before its first step.
-  [[nodiscard]] std::optional<double> potential_price() const { return integrator().levels().potential_price(); }
+  [[nodiscard]] std::optional<double> potential_cost() const { return integrator().levels().potential_cost(); }
   [[nodiscard]] const StepPotential& step_potential() const { return integrator().levels().potential(); }
   /// The order of the scheme in time.
   [[nodiscard]] int order() const { return integrator().order(); }
@@ -81,9 +81,9 @@ public:
   /// |z - exact|, one entry per name of [exact].
   [[nodiscard]] virtual std::vector<Named<Spread>> errors() = 0;
 
-  /// What to tell the user at the start: what is doubtful about the problem, each one sentence with the remedy.
+  /// What to show the user at the start: what is doubtful about the problem, each one sentence with the remedy.
   [[nodiscard]] std::vector<std::string> cautions() const { return integrator().cautions(); }
-  /// What to tell the user at the end, each one sentence with the remedy.
+  /// What to show the user at the end, each one sentence with the remedy.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 
   /// The terms that the node energy is a sum of at the level, as EnergyExchange takes them; on a lattice their totals.

@@ -215,7 +215,7 @@ void write_record(const Problem& problem, const RunOptions& options, const Solve
   writer.finish(checkpoint, record::Writer::Completion::complete);
 }
 
-/// What the second variation tells of the solution.
+/// What the second variation reports on the solution.
 void add_second_variation(const Problem& problem, const Hamiltonian& hamiltonian, SolveOutcome& outcome) {
   const auto segments = make_segment_equation(hamiltonian, make_discretisation(problem));
   if (segments->is_action()) {

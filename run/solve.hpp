@@ -48,7 +48,7 @@ struct SolveOutcome {
 /// True if a record is that of a boundary-value problem, as solve_problem() writes it.
 [[nodiscard]] bool is_solution(const record::Reader& reader);
 
-/// Recomputes all that the record of a boundary-value problem tells from its states, and what these leave of its
+/// Recomputes all that the record of a boundary-value problem shows from its states, and what these leave of its
 /// equations. \throws record::Error
 [[nodiscard]] Outcome check_solution(const record::Reader& reader);
 

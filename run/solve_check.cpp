@@ -8,7 +8,7 @@
 #include <rubato/problem/solve.hpp>
 #include <rubato/problem/stored.hpp>
 #include <rubato/run/conclusion.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 #include <rubato/run/solution_rows.hpp>
 #include <rubato/run/solve.hpp>
 
@@ -133,7 +133,7 @@ private:
 
   const record::Reader& reader_;
   const Problem& problem_;
-  Findings findings_;
+  Disagreements findings_;
 };
 
 }  // namespace

@@ -91,7 +91,7 @@ std::string to_table(const SolveOutcome& outcome) {
     for (; i < solution.history.size() && solution.history[i].stage == stage; ++i) {
       residuals.push_back(fmt::format("{:.1e}", solution.history[i].residual));
     }
-    constexpr std::size_t shown = 8;  // the last ones tell how it converged
+    constexpr std::size_t shown = 8;  // the last ones show how it converged
     if (residuals.size() > shown) {
       residuals.erase(residuals.begin() + 1, residuals.end() - (shown - 2));
       residuals[0] += ", ...";

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include <rubato/grids/reductions.hpp>
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 
 namespace rubato {
 

@@ -9,26 +9,26 @@
 namespace rubato {
 
 TangentCheck::TangentCheck(const record::Reader& reader, const StoredLevels& levels, const Problem& problem,
-                           Findings& findings)
+                           Disagreements& findings)
     : levels_(levels),
       findings_(findings),
       clock_(problem.clock()),
-      teller_(levels.complete() ? make_tangents(problem) : nullptr) {
-  if (teller_ == nullptr) {
+      writer_(levels.complete() ? make_tangents(problem) : nullptr) {
+  if (writer_ == nullptr) {
     return;
   }
-  teller_->describe(layout_);
+  writer_->describe(layout_);
   for (const record::Dataset& dataset : layout_.datasets) {
     columns_.emplace_back(reader, dataset.path, record::row_size(layout_, dataset));
   }
 }
 
 void TangentCheck::begin() {
-  if (teller_ == nullptr) {
+  if (writer_ == nullptr) {
     return;
   }
   KeptRow row(columns_.size());
-  teller_->append_state(row);
+  writer_->append_state(row);
   for (std::size_t i = 0; i < columns_.size(); ++i) {
     if (!row.at(i).empty()) {
       compare(i, 0, row.at(i), "of the start");
@@ -37,21 +37,21 @@ void TangentCheck::begin() {
 }
 
 void TangentCheck::check_step(std::size_t state_row, std::span<const double> before, std::span<const double> z) {
-  if (teller_ == nullptr) {
+  if (writer_ == nullptr) {
     return;
   }
-  teller_->take({.z_0 = before,
+  writer_->take({.z_0 = before,
                  .z_1 = z,
                  .t_0 = levels_.t[state_row - 1],
                  .t_1 = levels_.t[state_row],
                  .h = levels_.h[state_row - 1],
                  .clock = clock_});
-  for (const double logarithm : teller_->logarithms()) {
+  for (const double logarithm : writer_->logarithms()) {
     stretch_ = std::max(stretch_, std::exp(std::abs(logarithm)));
   }
   KeptRow row(columns_.size());
-  teller_->append_step(row);
-  teller_->append_state(row);
+  writer_->append_step(row);
+  writer_->append_state(row);
   for (std::size_t i = 0; i < columns_.size(); ++i) {
     if (!row.at(i).empty()) {
       compare(i, layout_.datasets[i].axis == "/levels/step" ? state_row - 1 : state_row, row.at(i),
@@ -70,7 +70,7 @@ void TangentCheck::compare(std::size_t dataset, std::size_t row, std::span<const
   for (const double value : found) {
     largest = std::max(largest, std::abs(value));
   }
-  const double allowed = digits_of_step * epsilon * stretch_ * largest * static_cast<double>(teller_->steps() + 1);
+  const double allowed = digits_of_step * epsilon * stretch_ * largest * static_cast<double>(writer_->steps() + 1);
   const std::span<const double> stored = column.row(row);
   for (std::size_t k = 0; k < stored.size(); ++k) {
     findings_.compare(

@@ -19,7 +19,7 @@ public:
   explicit VerdictMeter(const Problem& problem);
 
   /// The level that the simulation looks at, in order from number 0.
-  /// \param rounding a bound of what rounding makes of E_k of the step to it; 0 at the start
+  /// \param rounding a bound of the rounding error of E_k of the step to it; 0 at the start
   void add_level(Simulation& simulation, std::size_t number, double node_energy, double rounding);
   /// Of the levels so far.
   [[nodiscard]] figures::Measures measures() const;

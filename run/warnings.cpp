@@ -13,16 +13,17 @@ namespace {
 
 /// Above this step condition the energy law still holds to the tolerance but its levels carry visible rounding.
 constexpr double condition_warning = 1e-6;
-/// A step potential of this part of the terms of the energy is told as one: it is meant to be of the size of errors.
+/// A step potential of this part of the terms of the energy is reported as one: it is meant to be of the size of
+/// errors.
 constexpr double large_potential = 0.1;
-/// So many times the steps of the law without a potential are told as a price that need not be paid.
-constexpr double high_price = 5.0;
+/// So many times the steps of the law without a potential are reported as a cost that need not be paid.
+constexpr double high_cost = 5.0;
 
 /// What there is to warn of at the end of a run.
 class RunWarnings {
 public:
-  RunWarnings(const Problem& problem, const Chronicle& chronicle, const figures::Statistics& statistics)
-      : problem_(problem), chronicle_(chronicle), statistics_(statistics) {}
+  RunWarnings(const Problem& problem, const ObservedRun& observed, const figures::Statistics& statistics)
+      : problem_(problem), observed_(observed), statistics_(statistics) {}
 
   std::vector<std::string> take() {
     add_warnings();
@@ -30,18 +31,18 @@ public:
   }
 
 private:
-  [[nodiscard]] const Simulation& simulation() const { return chronicle_.simulation(); }
-  [[nodiscard]] const OffLawCauses& causes() const { return chronicle_.causes(); }
+  [[nodiscard]] const Simulation& simulation() const { return observed_.simulation(); }
+  [[nodiscard]] const OffLawCauses& causes() const { return observed_.causes(); }
 
   void add_warnings() {
     for (std::string& sentence : simulation().warnings()) {
       warnings_.push_back(std::move(sentence));
     }
-    if (chronicle_.undefined_outputs() > 0) {
+    if (observed_.undefined_outputs() > 0) {
       warnings_.push_back(
           fmt::format("at {} of {} output times something is not defined: a formula of [output.quantities] left its "
                       "domain, or the step to that time could not be solved",
-                      chronicle_.undefined_outputs(), chronicle_.outputs()));
+                      observed_.undefined_outputs(), observed_.outputs()));
     }
     const Scheme& scheme = problem_.scheme;
     for (std::string& sentence : statistics_.undefined_quantities()) {
@@ -67,13 +68,13 @@ private:
           "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
           statistics_.potential.largest(), part));
     }
-    if (const std::optional<double> price = simulation().potential_price(); price && *price >= high_price) {
+    if (const std::optional<double> cost = simulation().potential_cost(); cost && *cost >= high_cost) {
       const bool takes_scale = problem_.hamiltonian() != nullptr && !problem_.hamiltonian()->fictitious_time;
       warnings_.push_back(fmt::format(
           "the step potential holds all steps near those where the motion is fastest: at the start it takes about "
           "{:.2g} times as many as the law would without it; {}step_potential = \"none\" lets steps follow the "
           "motion, with plain steps where the law has no solution",
-          *price, takes_scale ? "hamiltonian.time_scale has as few, every one of them on the law; " : ""));
+          *cost, takes_scale ? "hamiltonian.time_scale has as few, every one of them on the law; " : ""));
     }
     if (statistics_.condition.any() && statistics_.condition.max > condition_warning) {
       warnings_.push_back(
@@ -152,16 +153,16 @@ private:
   }
 
   const Problem& problem_;
-  const Chronicle& chronicle_;
+  const ObservedRun& observed_;
   const figures::Statistics& statistics_;
   std::vector<std::string> warnings_;
 };
 
 }  // namespace
 
-std::vector<std::string> warnings_of(const Problem& problem, const Chronicle& chronicle,
+std::vector<std::string> warnings_of(const Problem& problem, const ObservedRun& observed,
                                      const figures::Statistics& statistics) {
-  return RunWarnings(problem, chronicle, statistics).take();
+  return RunWarnings(problem, observed, statistics).take();
 }
 
 }  // namespace rubato

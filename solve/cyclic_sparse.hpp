@@ -6,7 +6,7 @@
 
 namespace rubato::solve {
 
-/// Whether every coefficient and right-hand side is finite.
+/// True if every coefficient and right-hand side is finite.
 bool cyclic_is_finite(const CyclicBidiagonal& matrix, const CyclicBorder& border, std::span<const double* const> rhs,
                       std::span<const double> border_rhs);
 

@@ -16,7 +16,7 @@ namespace rubato::solve {
 
 namespace elimination {
 
-/// Whether a pivot can be divided by; its reciprocal must be finite as well.
+/// True if a pivot can be divided by; its reciprocal must be finite as well.
 inline bool usable(double pivot) {
   const double reciprocal = 1.0 / pivot;
   return std::isfinite(reciprocal) && reciprocal != 0.0;

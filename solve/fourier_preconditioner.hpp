@@ -33,7 +33,7 @@ public:
   /// gets its pseudo-inverse, so that the constant of a potential, say, is left alone; `deficient_waves` counts them.
   /// Status::undefined if an entry is not finite.
   ///
-  /// Where rows or columns are of sizes so different that pivots do not tell (4/h² of a short step beside coefficients
+  /// Where rows or columns are of sizes so different that pivots do not show (4/h² of a short step beside coefficients
   /// of order 1), a matrix that seems singular is judged again after rows and columns were multiplied by powers of two,
   /// the same for all waves, that make the largest of each about 1. What is singular then has its pseudo-inverse, as it
   /// is. \param sizes the largest terms, over all waves, that each entry is the sum of, row by row: terms that cancel

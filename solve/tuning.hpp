@@ -4,8 +4,8 @@
 #include <limits>
 
 /// \file
-/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that whoever changes one sees the
-/// others. Those of the search for levels are in variation/tuning.hpp.
+/// The numbers of this room that were tuned, or chosen, with their reasons: here, so that a reader who changes one sees
+/// the others. Those of the search for levels are in variation/tuning.hpp.
 
 /// Cyclic block systems (cyclic_block.cpp).
 namespace rubato::tuning::cyclic_block {

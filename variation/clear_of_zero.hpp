@@ -5,7 +5,7 @@
 
 namespace rubato {
 
-/// Whether a function with these values at both ends of a step, and these rates by the fraction of it, is one that
+/// True if a function with these values at both ends of a step, and these rates by the fraction of it, is one that
 /// CrossingSearch neither finds a zero of there nor looks at in between: of one sign, and clear of zero by more than a
 /// fourth of how much its cubic varies. Of that cubic no value is farther from the line between the ends than
 ///

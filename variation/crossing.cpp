@@ -169,7 +169,7 @@ void CrossingSearch::refine(const Sample& a, const Sample& b, int depth, const F
 }
 
 void CrossingSearch::find_signs(const Function& g) {
-  // A crossing so near to the start, as a share of the first step, is the start, told with rounding.
+  // A crossing so near to the start, as a share of the first step, is the start, reported with rounding.
   constexpr double start = 1e-9;
   const Sample* last = nullptr;  // that is not 0
   const Sample* zero = nullptr;  // the last one after it

@@ -47,7 +47,7 @@ public:
   /// The crossings in the step of length h from `from`, at fraction 0, to `to`, at 1, in their order; g(fraction) is
   /// asked for in between. Valid until the next call.
   const std::vector<Crossing>& follow(double h, Sample from, Sample to, const Function& g);
-  /// Whether g was not a number somewhere in the last step: what crossings that has is not known.
+  /// True if g was not a number somewhere in the last step: what crossings that has is not known.
   [[nodiscard]] bool undefined() const { return undefined_; }
 
   void save(StateWriter& state) const;

@@ -43,7 +43,7 @@ public:
   virtual void gradient(std::span<const double> corners, Eigen::Ref<Eigen::VectorXd> result) = 0;
   /// Second variation: the symmetric matrix ∂²A/∂(corners)².
   virtual void hessian(std::span<const double> corners, Eigen::Ref<Eigen::MatrixXd> result) = 0;
-  /// How large the terms are whose sum is ∂A/∂t at the first corner (on a segment: E), and what rounding makes of it.
+  /// How large the terms are whose sum is ∂A/∂t at the first corner (on a segment: E), and its rounding error.
   [[nodiscard]] virtual formula::SumSize energy_size(std::span<const double> corners) = 0;
 
 protected:

@@ -14,7 +14,7 @@ struct TrialRun {
   /// max |H(z_k) - E| over the scale of the node energy, the first level included; of E without the first step's f',
   /// which is K_h there.
   double deviation = 0.0;
-  bool whole = false;  ///< whether it came to the end of the run
+  bool whole = false;  ///< true if it came to the end of the run
 };
 
 /// The scale of the node energy: max |H(z_k)|; where that is nothing beside what cancels among the terms of H, 3 % of
@@ -27,7 +27,7 @@ struct TrialRun {
 /// longer than a tenth of the run.
 ///
 /// By the node law the largest deviation is c·max|Γ|^(1/(s+1)) with c proportional to h_0^s (theory, section 3), so
-/// that one trial tells the next step: h_0 (tolerance/deviation)^(1/s). Γ at the start says little about its largest
+/// that one trial shows the next step: h_0 (tolerance/deviation)^(1/s). Γ at the start says little about its largest
 /// value, which is why trials run along the orbit, and begin with a coarse tolerance, with which they come far.
 ///
 /// \param make an integrator at the start of the run, with that first step

@@ -12,7 +12,7 @@ namespace rubato {
 /// b_i a_ij + b_j a_ji = b_i b_j.
 ///
 /// A coefficient that is rounded makes the method miss its symplecticity by the same amount in every step, which shows
-/// as a drift. So each is told in two parts, a = a_short + a_rest: the first has 12 bits, so that products with it err
+/// as a drift. So each is given in two parts, a = a_short + a_rest: the first has 12 bits, so that products with it err
 /// at random only, and the rest is 4096 times smaller, and its rounding with it (after Hairer, McLachlan and
 /// Razakarivony, "Achieving Brouwer's law with implicit Runge–Kutta methods", BIT 48, 2008).
 struct GaussTableau {

@@ -19,14 +19,14 @@ NodeEnergy Integrator::node() {
   return node;
 }
 
-NodeEnergy Integrator::told_node() {
-  NodeEnergy told = node();
-  told.gamma /= level_scheme_->gamma_factor();
-  return told;
+NodeEnergy Integrator::reported_node() {
+  NodeEnergy reported = node();
+  reported.gamma /= level_scheme_->gamma_factor();
+  return reported;
 }
 
 std::string Integrator::explain(const StepReport& failed) {
-  return describe_failure(failed, t(), told_node(), levels_->last_step(), levels_->options(), order(),
+  return describe_failure(failed, t(), reported_node(), levels_->last_step(), levels_->options(), order(),
                           failure_reason());
 }
 

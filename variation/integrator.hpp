@@ -33,20 +33,20 @@ public:
 
   /// One step. Unless it succeeds nothing has changed.
   [[nodiscard]] virtual StepReport step() { return levels_->step(); }
-  /// Whether the present level is at or past `until` (a level within 1e-9 of a step of it counts as at it).
+  /// True if the present level is at or past `until` (a level within 1e-9 of a step of it counts as at it).
   [[nodiscard]] bool finished() const;
 
   [[nodiscard]] double t() const { return levels_->time(); }
   [[nodiscard]] NodeEnergy node();  ///< H(z_k), or 𝓔(z_k), and -24 η(z_k); NaN where the scheme has none
   /// The same with Γ = fᵀH_zz f itself (theory, section 3); NaN where -24 η is no multiple of it.
-  [[nodiscard]] NodeEnergy told_node();
+  [[nodiscard]] NodeEnergy reported_node();
   /// The same of H, or S, without the constant that was added to it.
   [[nodiscard]] NodeEnergy bare_node() { return level_scheme_->node(); }
-  /// Whether told_node() has Γ.
+  /// True if reported_node() has Γ.
   [[nodiscard]] bool has_gamma() const {
     return level_scheme_->has_gamma() && !std::isnan(level_scheme_->gamma_factor());
   }
-  /// Whether E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
+  /// True if E_k is one constant for the run; if not (𝕃 depends on t), energy_balance() is what (3.4) leaves.
   [[nodiscard]] bool autonomous() const { return !level_scheme_->energy_target().has_value(); }
   [[nodiscard]] const TimeLevels& levels() const { return *levels_; }
   [[nodiscard]] TimeLevels& levels() { return *levels_; }

@@ -20,8 +20,8 @@ namespace rubato {
 /// | t or x of one node       | local laws of energy and momentum, the sum over both slabs       | coordinates()     |
 /// | anything at a level      | boundary one-forms, and the two-form Ω of two tangent solutions  | two_form()        |
 ///
-/// A slab's part at its lower level is told from that at its upper level: at a level between two slabs the variation is
-/// the upper part of the slab before it plus the lower part of the slab after it.
+/// A slab's part at its lower level is distinguished from that at its upper level: at a level between two slabs the
+/// variation is the upper part of the slab before it plus the lower part of the slab after it.
 ///
 /// Currents of energy and momentum: with L = V + Σ_μ Q^μ_μ as in LatticeAction, for each of its parts, F_ρν = D_ρ x^ν
 /// and P_ρ = ∂V/∂(D_ρ z),

@@ -21,7 +21,7 @@ struct Trial {
   bool full = false;  ///< solved to stagnation, not loosely
 };
 
-/// What trials have told of where the root is.
+/// What trials have reported on where the root is.
 struct RootBracket {
   double below = 0.0;         ///< longest length known to be on the near side of the root
   double below_slope = 0.0;   ///< G' there
@@ -32,14 +32,14 @@ struct RootBracket {
   [[nodiscard]] double upper() const { return std::min({above, fold, blocked}); }
   /// No length is left between those known to be too short and too long.
   [[nodiscard]] bool is_closed(double length) const { return std::min(above, fold) - below <= 4.0 * epsilon * length; }
-  /// It closed on no root: some trial was solved too loosely to tell its side.
+  /// It closed on no root: some trial was solved too loosely to show its side.
   void reopen() {
     below = below_slope = 0.0;
     above = blocked = infinity;
   }
 
-  /// A loosely solved step may tell the wrong side of a root it is nearly at: it moves the bracket only from afar.
-  void tell(const Trial& trial) {
+  /// A loosely solved step may show the wrong side of a root it is nearly at: it moves the bracket only from afar.
+  void add(const Trial& trial) {
     if (!trial.full && std::abs(trial.miss) <= loose * trial.slope * trial.length) {
       return;
     }
@@ -68,7 +68,7 @@ struct RootBracket {
 
 /// dE/dh as trials correct it. A scheme may take its slope from a matrix that is a little out of date, and a lattice
 /// knows it to leading order only, which is far off where Γ is small. Where it is nearly right the secant itself
-/// serves, moved by the curvature that slopes to leading order tell as well; elsewhere secants that stand out from the
+/// serves, moved by the curvature that slopes to leading order show as well; elsewhere secants that stand out from the
 /// errors of their ends correct it.
 ///
 /// All of it by h^s, on which E_k depends linearly to leading order, with the slope s h^(s-1) of the present length
@@ -186,7 +186,7 @@ Status TimeLevels::solve_level(double guess) {
       now.full = true;  // met already: the same length again, solved to stagnation
       continue;
     }
-    bracket.tell(now);
+    bracket.add(now);
     if (now.full) {
       best = std::min(best, miss);
     }

@@ -17,8 +17,8 @@ constexpr double none = 0.0;  ///< a length that does not exist
 
 }  // namespace
 
-LevelForecaster::LevelForecaster(const Scouting& scouting) : scouting_(scouting) {
-  const std::vector<double>&time = scouting.time, &eta = scouting.eta;
+LevelForecaster::LevelForecaster(const LookAhead& look) : look_(look) {
+  const std::vector<double>&time = look.time, &eta = look.eta;
   const auto secant = [&](std::size_t i) { return (eta[i + 1] - eta[i]) / (time[i + 1] - time[i]); };
   const auto slope = [&](std::size_t i) {
     if (i == 0 || i + 1 == eta.size()) {
@@ -58,15 +58,15 @@ LevelForecaster::Level LevelForecaster::moved(const Level& from, double h, doubl
     ++level.piece;
   }
   level.eta = eta_at(level.piece, level.time, doubt);
-  level.defect += power_of(h, scouting_.order) * (level.eta - from.eta);
+  level.defect += power_of(h, look_.order) * (level.eta - from.eta);
   level.steps += stride / h;
   return level;
 }
 
 /// Newton's iteration for (s+1) h^s η + f'(h) = D, on the branch where the energy grows to the side of the potential.
 double LevelForecaster::length_at(const Level& level, double guess, const StepPotential& potential) const {
-  const int s = scouting_.order;
-  const double resolved = scouting_.resolved_slope();
+  const int s = look_.order;
+  const double resolved = look_.resolved_slope();
   double h = guess;
   for (int iteration = 0; iteration < most_forecast_steps; ++iteration) {
     const double scheme = (s + 1.0) * power_of(h, s) * level.eta, added = potential.energy(h);
@@ -85,9 +85,9 @@ double LevelForecaster::length_at(const Level& level, double guess, const StepPo
 }
 
 LevelForecast LevelForecaster::operator()(const StepPotential& potential, const EtaDoubt& doubt, double limit) const {
-  const int s = scouting_.order;
-  const double end = scouting_.duration, most = 20.0 * end / scouting_.step;
-  double h = scouting_.step;
+  const int s = look_.order;
+  const double end = look_.duration, most = 20.0 * end / look_.step;
+  double h = look_.step;
   Level now{.eta = eta_at(0, 0.0, doubt)};
   now.defect = (s + 1.0) * power_of(h, s) * now.eta + potential.energy(h);
   const double first_defect = now.defect;

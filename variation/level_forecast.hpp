@@ -7,15 +7,15 @@
 
 namespace rubato {
 
-/// What a potential makes of the levels along a scouted orbit, by the levels' own leading order (the surrogate of
-/// theory, section 9): with D = E - H(z_k),
+/// What a potential makes of the levels along an orbit that was looked along, by the levels' own leading order (the
+/// surrogate of theory, section 9): with D = E - H(z_k),
 ///
 ///     (s+1) h^s η + f'(h) = D,    D ← D + h^s Δη.
 ///
 /// Where η hardly changes from one step to the next, many steps that are alike are taken at once.
 struct LevelForecast {
   bool complete = false;  ///< every level exists and is well determined, and steps change slowly
-  double steps = 0.0;     ///< needed for the scouted stretch
+  double steps = 0.0;     ///< needed for the stretch of the look-ahead
   double shortest = 0.0, longest = 0.0;
   double energy = 0.0;     ///< max |D - D_0|, how far the node energy strays
   double potential = 0.0;  ///< max |f'|
@@ -26,18 +26,18 @@ struct EtaDoubt {
   double turn = 0.0;
 };
 
-/// Forecasts of the levels along one scouted orbit, for one potential after the other.
+/// Forecasts of the levels along the orbit of one look-ahead, for one potential after the other.
 class LevelForecaster {
 public:
-  explicit LevelForecaster(const Scouting& scouting);
+  explicit LevelForecaster(const LookAhead& look);
 
   /// \param limit the largest part of the energy that f' may be: a forecast in which it is larger is incomplete
   [[nodiscard]] LevelForecast operator()(const StepPotential& potential, const EtaDoubt& doubt = {},
                                          double limit = std::numeric_limits<double>::infinity()) const;
 
 private:
-  /// η between the middles of two of the scout's steps: a cubic through both, with the slopes of parabolas through them
-  /// and their neighbours. Before the first and after the last middle η is constant.
+  /// η between the middles of two of the look-ahead's steps: a cubic through both, with the slopes of parabolas through
+  /// them and their neighbours. Before the first and after the last middle η is constant.
   struct Piece {
     double begin, end, length, eta, rise, bend, twist;
 
@@ -59,7 +59,7 @@ private:
   [[nodiscard]] double length_at(const Level& level, double guess, const StepPotential& potential) const;
   [[nodiscard]] double eta_at(std::size_t piece, double time, const EtaDoubt& doubt) const;
 
-  const Scouting& scouting_;
+  const LookAhead& look_;
   std::vector<Piece> pieces_;
 };
 

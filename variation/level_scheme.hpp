@@ -29,12 +29,12 @@ public:
   /// Solves (3.3) for the step of length h ≠ 0. `accuracy` is the relative size of the last correction at which the
   /// iteration may stop; 0 asks for stagnation, that is for all that rounding allows.
   [[nodiscard]] virtual Status advance(double h, double accuracy) = 0;
-  /// Whether any accuracy leaves what rounding leaves: nothing is iterated, or always to the end.
+  /// True if any accuracy leaves what rounding leaves: nothing is iterated, or always to the end.
   [[nodiscard]] virtual bool solves_fully() const { return false; }
 
   /// E_k of the trial step, (3.4).
   [[nodiscard]] virtual double discrete_energy() const = 0;
-  /// How large E_k is, as a sum of terms that may cancel and without added constants, and what rounding makes of it:
+  /// How large E_k is, as a sum of terms that may cancel and without added constants, and its rounding error:
   /// the scale of the tolerance, and the error of h. Where E_k was last evaluated; at the current level if it has not
   /// been yet.
   [[nodiscard]] virtual formula::SumSize energy_size() = 0;
@@ -43,16 +43,16 @@ public:
   [[nodiscard]] virtual std::size_t energy_size_period() const { return tuning::size_period; }
   /// Total derivative dE_k/dh along the solved step; -(h/4)Γ for the midpoint 𝕃, -s h^(s-1) (s+1)Γ/24 for order s.
   [[nodiscard]] virtual double discrete_energy_slope() const = 0;
-  /// Whether something is found for it that the step does not need: node energies, or rates.
+  /// True if something is found for it that the step does not need: node energies, or rates.
   [[nodiscard]] virtual bool slope_costs_more() const { return !has_node_law(); }
-  /// Whether it is the leading term of the derivative alone, off by a factor that hardly depends on h.
+  /// True if it is the leading term of the derivative alone, off by a factor that hardly depends on h.
   [[nodiscard]] virtual bool slope_to_leading_order() const { return false; }
   /// What E_k must equal when it is not one constant for the run (𝕃 depending on t explicitly), else nothing.
   [[nodiscard]] virtual std::optional<double> energy_target() const { return std::nullopt; }
   /// The exponent s of the step law h^(s+1) Γ = const.
   [[nodiscard]] virtual int order() const { return 2; }
 
-  /// Whether the Γ of node() governs this scheme: the step law, and the node law H - E = (s+1)/24 h^s Γ + …
+  /// True if the Γ of node() governs this scheme: the step law, and the node law H - E = (s+1)/24 h^s Γ + …
   /// Not so for an arbitrary 𝕃.
   [[nodiscard]] virtual bool has_node_law() const { return true; }
 
@@ -62,7 +62,7 @@ public:
   /// What node() has as Γ, over fᵀH_zz f (theory, section 3); NaN where it is no multiple of that.
   [[nodiscard]] virtual double gamma_factor() const { return 1.0; }
 
-  /// Whether node() knows Γ, the quantity that dE_k/dh of this scheme is proportional to; else it is NaN there.
+  /// True if node() knows Γ, the quantity that dE_k/dh of this scheme is proportional to; else it is NaN there.
   [[nodiscard]] virtual bool has_gamma() const { return has_node_law(); }
 
   /// After Status::undefined, or where Γ is not a number: why, for people; empty where nothing more is known.

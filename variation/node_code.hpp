@@ -62,8 +62,8 @@ public:
   /// outputs[j][i] at the nodes i in [begin, end). No output may be an array that is read.
   void operator()(std::size_t begin, std::size_t end, std::span<double* const> outputs);
   void operator()(std::span<double* const> outputs) { (*this)(0, cells_[0] * cells_[1] * cells_[2], outputs); }
-  /// The same by the thread of this number alone. Outputs after the first ones, as many as `from_begin` has, are told
-  /// from the first node of the range on: from_begin[k][i - begin].
+  /// The same by the thread of this number alone. Outputs after the first ones, as many as `from_begin` has, are
+  /// reported from the first node of the range on: from_begin[k][i - begin].
   void evaluate(std::size_t thread, std::size_t begin, std::size_t end, std::span<double* const> outputs,
                 std::span<double* const> from_begin = {});
 

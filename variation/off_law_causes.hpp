@@ -15,7 +15,7 @@ public:
   [[nodiscard]] std::size_t steps() const { return steps_; }
   /// Steps before E was set: the first step could not set it.
   [[nodiscard]] std::size_t starting() const { return starting_; }
-  /// Steps on which E_k depends on h by less than a hundred times what rounding makes of it.
+  /// Steps on which E_k depends on h by less than a hundred times its rounding error.
   [[nodiscard]] std::size_t flat() const { return flat_; }
   /// Steps over which Γ changes sign and neither end has a Γ much larger than the other.
   [[nodiscard]] std::size_t crossings() const { return crossings_; }

@@ -3,7 +3,7 @@
 
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/equal_steps.hpp>
-#include <rubato/variation/scout.hpp>
+#include <rubato/variation/look_ahead.hpp>
 #include <rubato/variation/sign.hpp>
 #include <rubato/variation/time_levels.hpp>
 #include <rubato/variation/tuning.hpp>
@@ -37,22 +37,22 @@ void TimeLevels::choose_potential() {
   const bool short_run = !given && is_short_run(scheme_.order(), fixed_h_, options_.run_length);
   const double to_end =
       std::isfinite(options_.run_length) ? options_.run_length : longest_stretch_untold * std::abs(fixed_h_);
-  const Scouting scouting = scout(scheme_, fixed_h_, given || short_run, options_.tolerance, to_end);
-  if (scouting.eta.empty()) {
-    return;  // the first step will tell why
+  const LookAhead look = look_ahead(scheme_, fixed_h_, given || short_run, options_.tolerance, to_end);
+  if (look.eta.empty()) {
+    return;  // the first step will show why
   }
-  // A little less: what rounding makes of a sum of steps decides nothing.
-  if (!scouting.depends_on_step() && scouting.duration >= (1.0 - 1e-9) * to_end) {
+  // A little less: the rounding error of a sum of steps decides nothing.
+  if (!look.depends_on_step() && look.duration >= (1.0 - 1e-9) * to_end) {
     return;  // every length will do
   }
   if (given) {
-    set_potential(make_step_potential(scouting, choice.kappa, choice.exponent));
-  } else if (short_run && scouting.eta.size() == 1) {
-    set_potential(nearly_equal_steps(scouting).value());
+    set_potential(make_step_potential(look, choice.kappa, choice.exponent));
+  } else if (short_run && look.eta.size() == 1) {
+    set_potential(nearly_equal_steps(look).value());
   } else {
-    const PricedPotential chosen = choose_priced_potential(scouting, choice.largest_step);
+    const CostedPotential chosen = choose_costed_potential(look, choice.largest_step);
     set_potential(chosen.potential);
-    potential_price_ = chosen.price_in_steps;
+    potential_cost_ = chosen.cost_in_steps;
   }
 }
 
@@ -101,7 +101,7 @@ Status TimeLevels::solve_with_potential(double guess) {
   bool full = scheme_.solves_fully() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
   double slope_ratio = foreseen_slope_ratio();
-  bool ratio_is_told = false;
+  bool ratio_is_known = false;
   for (int trial = 0; trial < most_potential_trials; ++trial) {
     if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
       // Too long for its own equation, it may be: half way back to the step before.
@@ -127,8 +127,8 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (last_length > 0.0 && last_length != length && std::abs(last_miss) > tolerance) {
       left_of_miss_ = std::max(memory * left_of_miss_, std::max(0.0, std::abs(miss) - tolerance) / std::abs(last_miss));
     }
-    // Where a scheme knows its slope to leading order differences between trials tell the rest, and what they told on
-    // the last steps.
+    // Where a scheme knows its slope to leading order differences between trials show the rest, and what they reported
+    // on the last steps.
     const double secant = (miss - last_miss) / (length - last_length);
     const double ratio = secant / (0.5 * (slope + last_slope));
     const double pair_error = full && last_full ? 2.0 * rounding_ : loose_energy * std::abs(slope) * length;
@@ -136,7 +136,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     if (scheme_.slope_to_leading_order() && is_near && std::abs(miss - last_miss) > standing_out * pair_error &&
         ratio < largest_slope_ratio && ratio > 1.0 / largest_slope_ratio) {
       slope_ratio = ratio;
-      ratio_is_told = true;
+      ratio_is_known = true;
     }
     stalls = full && std::abs(miss) >= 0.5 * best ? stalls + 1 : 0;
     if (stalls >= 2) {
@@ -151,7 +151,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     const double last_place = 0.5 * epsilon * std::abs(slope) * length;
     if (full && (std::abs(miss) <= std::max(enough, last_place) || stagnated)) {
       trial_step_ = h;
-      if (ratio_is_told) {
+      if (ratio_is_known) {
         slope_ratios_.add(since_ratio_, slope_ratio);
         since_ratio_ = 0.0;
       }
@@ -164,7 +164,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     }
     best = full ? std::min(best, std::abs(miss)) : best;
     // E_k has one branch that grows with the length to the side of the potential: a root lies between a length that is
-    // too short, or short of that branch, and one that is too long. A loosely solved step may tell the wrong side of a
+    // too short, or short of that branch, and one that is too long. A loosely solved step may show the wrong side of a
     // root it is nearly at.
     const double error = full && last_full ? 2.0 * rounding_ : loose * std::abs(slope) * length;
     const bool reliable = full || std::abs(miss) > error;

@@ -19,19 +19,18 @@ namespace {
 
 using namespace tuning;
 
-StepPotential with_kappa(const Scouting& scouting, double eta, double kappa, double exponent) {
-  const double least =
-      std::max(least_strength, least_strength_by_tolerance * scouting.tolerance) * scouting.energy_size;
-  return {.strength = std::copysign(std::max(scouting.off(eta, scouting.step), least), eta),
-          .length = kappa * scouting.step,
+StepPotential with_kappa(const LookAhead& look, double eta, double kappa, double exponent) {
+  const double least = std::max(least_strength, least_strength_by_tolerance * look.tolerance) * look.energy_size;
+  return {.strength = std::copysign(std::max(look.off(eta, look.step), least), eta),
+          .length = kappa * look.step,
           .exponent = exponent};
 }
 
-/// Whether what the second half of a scouted stretch showed is what the first half did.
-bool shows_all(const Scouting& scouting) {
-  const std::span<const double> eta = scouting.eta;
-  const auto half = static_cast<std::size_t>(std::ranges::lower_bound(scouting.time, 0.5 * scouting.duration) -
-                                             scouting.time.begin());
+/// Whether what the second half of the stretch of a look-ahead showed is what the first half did.
+bool shows_all(const LookAhead& look) {
+  const std::span<const double> eta = look.eta;
+  const auto half =
+      static_cast<std::size_t>(std::ranges::lower_bound(look.time, 0.5 * look.duration) - look.time.begin());
   if (half == 0 || half == eta.size()) {
     return false;
   }
@@ -75,32 +74,32 @@ StepPotentialChoice with_usual(const StepPotentialChoice& choice, bool usual_is_
                                     : StepPotentialChoice{.kind = usual_is_automatic ? Kind::automatic : Kind::none};
 }
 
-double Scouting::resolved_slope() const {
+double LookAhead::resolved_slope() const {
   return std::max(least_slope, least_slope_by_tolerance * tolerance) * energy_size;
 }
 
-double Scouting::off(double value, double length) const {
+double LookAhead::off(double value, double length) const {
   return (order + 1.0) * std::abs(value) * power_of(length, order);
 }
 
-double Scouting::time_of(std::size_t i) const {
+double LookAhead::time_of(std::size_t i) const {
   const double before = i == 0 ? 0.0 : 0.5 * (time[i - 1] + time[i]);
   return (i + 1 < eta.size() ? 0.5 * (time[i] + time[i + 1]) : duration) - before;
 }
 
-double Scouting::least_told() const {
+double LookAhead::least_resolved() const {
   return resolved_slope() / (order * (order + 1.0) * power_of(step, order));
 }
 
-bool Scouting::depends_on_step() const {
+bool LookAhead::depends_on_step() const {
   return off(largest_eta(), step) > std::max(unfelt_by_levels * tolerance * energy_size, 2.0 * rounding);
 }
 
-bool Scouting::knows_step() const {
-  return largest_eta() >= least_told();
+bool LookAhead::knows_step() const {
+  return largest_eta() >= least_resolved();
 }
 
-double Scouting::largest_eta() const {
+double LookAhead::largest_eta() const {
   double largest = 0.0;
   for (const double value : eta) {
     largest = std::max(largest, std::abs(value));
@@ -118,39 +117,39 @@ double rounded_strength(double strength) {
 namespace {
 
 /// Of so many steps over the stretch.
-double price_of(const Scouting& scouting, double steps) {
+double cost_of(const LookAhead& look, double steps) {
   const auto steps_in_time = [&](std::size_t i) {
-    return std::pow(std::abs(scouting.eta[i] / scouting.eta.front()), 1.0 / (scouting.order + 1.0)) / scouting.step;
+    return std::pow(std::abs(look.eta[i] / look.eta.front()), 1.0 / (look.order + 1.0)) / look.step;
   };
   double of_law = 1.0;
-  for (std::size_t i = 0; i < scouting.eta.size(); ++i) {
-    of_law += steps_in_time(i) * scouting.time_of(i);
-    of_law += i > 0 && scouting.eta[i] * scouting.eta[i - 1] < 0.0 ? 1.0 : 0.0;
+  for (std::size_t i = 0; i < look.eta.size(); ++i) {
+    of_law += steps_in_time(i) * look.time_of(i);
+    of_law += i > 0 && look.eta[i] * look.eta[i - 1] < 0.0 ? 1.0 : 0.0;
   }
   return steps / of_law;
 }
 
-PricedPotential with_price_of_equal_steps(const Scouting& scouting, const StepPotential& potential) {
-  return {potential, scouting.knows_step() ? price_of(scouting, scouting.duration / scouting.step) : 1.0};
+CostedPotential with_cost_of_equal_steps(const LookAhead& look, const StepPotential& potential) {
+  return {potential, look.knows_step() ? cost_of(look, look.duration / look.step) : 1.0};
 }
 
 }  // namespace
 
-double price_in_steps(const Scouting& scouting, const StepPotential& potential) {
-  if (!scouting.knows_step()) {
+double cost_in_steps(const LookAhead& look, const StepPotential& potential) {
+  if (!look.knows_step()) {
     return 1.0;  // any steps would do
   }
-  const LevelForecast forecast = LevelForecaster(scouting)(potential);
-  return price_of(scouting, forecast.complete ? forecast.steps : scouting.duration / scouting.step);
+  const LevelForecast forecast = LevelForecaster(look)(potential);
+  return cost_of(look, forecast.complete ? forecast.steps : look.duration / look.step);
 }
 
-StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent) {
-  return with_kappa(scouting, scouting.eta.front(), kappa, exponent);
+StepPotential make_step_potential(const LookAhead& look, double kappa, double exponent) {
+  return with_kappa(look, look.eta.front(), kappa, exponent);
 }
 
 namespace {
 
-/// A potential with which all levels of a scouted stretch are forecast to exist.
+/// A potential with which all levels of the stretch of a look-ahead are forecast to exist.
 struct Candidate {
   StepPotential potential;
   double steps = 0.0;
@@ -161,25 +160,25 @@ struct Candidate {
 /// The choice of a step potential: what choose_step_potential() says, one rule after the other.
 class Choice {
 public:
-  Choice(const Scouting& scouting, std::optional<double> largest_step)
-      : scouting_(scouting), forecast_(scouting), s_(scouting.order), largest_(scouting.largest_eta()) {
+  Choice(const LookAhead& look, std::optional<double> largest_step)
+      : look_(look), forecast_(look), s_(look.order), largest_(look.largest_eta()) {
     strayed_ = std::abs(made(largest_, 1.0, s_).strength);
-    if (scouting.first_size > 0.0) {
-      most_ = most_of_terms * scouting.first_size;
+    if (look.first_size > 0.0) {
+      most_ = most_of_terms * look.first_size;
     }
     if (largest_step) {
-      kappa_limit_ = std::clamp(*largest_step / scouting.step, least_kappa, largest_kappa);
+      kappa_limit_ = std::clamp(*largest_step / look.step, least_kappa, largest_kappa);
     }
   }
 
-  PricedPotential operator()() {
-    const double side = std::copysign(1.0, scouting_.eta.front());
-    if (!scouting_.knows_step()) {
-      return with_price(within_most(made(0.0, 1.0, s_ + 1.0)));  // K hardly knows h: steps are as long as the first
+  CostedPotential operator()() {
+    const double side = std::copysign(1.0, look_.eta.front());
+    if (!look_.knows_step()) {
+      return with_cost(within_most(made(0.0, 1.0, s_ + 1.0)));  // K hardly knows h: steps are as long as the first
     }
     const std::optional<StepPotential> equal =
-        s_ >= order_with_zeros ? nearly_equal_steps(scouting_) : std::optional<StepPotential>();
-    const bool definite = std::ranges::all_of(scouting_.eta, [&](double eta) { return eta * side >= 0.0; });
+        s_ >= order_with_zeros ? nearly_equal_steps(look_) : std::optional<StepPotential>();
+    const bool definite = std::ranges::all_of(look_.eta, [&](double eta) { return eta * side >= 0.0; });
     const double usual = std::min(largest_part * strayed_, most_);
     for (const double limit : {usual, most_}) {
       // An η that was seen with one sign only may grow beyond what was seen: a potential of the other sign would not
@@ -191,30 +190,30 @@ public:
       if (!candidates_.empty()) {
         const Candidate chosen = limit == usual ? best() : weakest();
         if (equal && work(forecast_(*equal)) <= (1.0 + as_good) * chosen.work) {
-          return with_price_of_equal_steps(scouting_, *equal);
+          return with_cost_of_equal_steps(look_, *equal);
         }
-        return {chosen.potential, price_of(scouting_, chosen.steps)};
+        return {chosen.potential, cost_of(look_, chosen.steps)};
       }
     }
     if (equal) {
-      return with_price_of_equal_steps(scouting_, *equal);
+      return with_cost_of_equal_steps(look_, *equal);
     }
     // Nothing is forecast to last: steps that are nearly equal.
-    return with_price(within_most(made(std::copysign(largest_, side), last_resort, s_ + 1.0)));
+    return with_cost(within_most(made(std::copysign(largest_, side), last_resort, s_ + 1.0)));
   }
 
 private:
-  [[nodiscard]] PricedPotential with_price(const StepPotential& potential) const {
-    return {potential, price_in_steps(scouting_, potential)};
+  [[nodiscard]] CostedPotential with_cost(const StepPotential& potential) const {
+    return {potential, cost_in_steps(look_, potential)};
   }
   [[nodiscard]] StepPotential made(double eta, double kappa, double exponent) const {
-    StepPotential potential = with_kappa(scouting_, eta, kappa, exponent);
+    StepPotential potential = with_kappa(look_, eta, kappa, exponent);
     potential.strength = rounded_strength(potential.strength);
     return potential;
   }
 
   [[nodiscard]] StepPotential within_most(StepPotential potential) const {
-    potential.strength /= std::max(1.0, std::abs(potential.energy(scouting_.step)) / most_);
+    potential.strength /= std::max(1.0, std::abs(potential.energy(look_.step)) / most_);
     return potential;
   }
 
@@ -224,7 +223,7 @@ private:
     for (const double exponent : {s_ + 2.0, 4.0 * s_}) {
       for (double kappa = kappa_limit_; kappa >= least_kappa; kappa /= kappa_ratio) {
         const StepPotential potential = made(std::copysign(largest_, sign), kappa, exponent);
-        if (std::abs(potential.energy(scouting_.step)) > limit) {
+        if (std::abs(potential.energy(look_.step)) > limit) {
           break;  // and those that are shorter all the more
         }
         const LevelForecast forecast = forecast_(potential, {}, limit);
@@ -242,10 +241,10 @@ private:
   }
   [[nodiscard]] Candidate weakest() const { return *std::ranges::min_element(candidates_, {}, &Candidate::part); }
   [[nodiscard]] Candidate best() {
-    keep_best(price_of_the_law);
-    // At high orders η changes its sign on almost every orbit: a stretch where it does not tells little of the rest.
-    if (s_ >= order_with_zeros || !shows_all(scouting_)) {
-      const EtaDoubt unseen{.factor = eta_margin, .turn = scouting_.duration / unseen_turns};
+    keep_best(cost_of_the_law);
+    // At high orders η changes its sign on almost every orbit: a stretch where it does not shows little of the rest.
+    if (s_ >= order_with_zeros || !shows_all(look_)) {
+      const EtaDoubt unseen{.factor = eta_margin, .turn = look_.duration / unseen_turns};
       keep([&](const Candidate& one) { return forecast_(one.potential, unseen).complete; });
     }
     // Of those that are hardly felt the one that begins soonest beyond what was seen.
@@ -272,7 +271,7 @@ private:
     return true;
   }
 
-  const Scouting& scouting_;
+  const LookAhead& look_;
   LevelForecaster forecast_;
   double s_;
   double largest_;
@@ -284,15 +283,15 @@ private:
 
 }  // namespace
 
-PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step) {
-  if (scouting.order >= order_with_zeros && equal_steps_do(scouting)) {
-    return with_price_of_equal_steps(scouting, nearly_equal_steps(scouting).value());
+CostedPotential choose_costed_potential(const LookAhead& look, std::optional<double> largest_step) {
+  if (look.order >= order_with_zeros && equal_steps_do(look)) {
+    return with_cost_of_equal_steps(look, nearly_equal_steps(look).value());
   }
-  return Choice(scouting, largest_step)();
+  return Choice(look, largest_step)();
 }
 
-StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step) {
-  return choose_priced_potential(scouting, largest_step).potential;
+StepPotential choose_step_potential(const LookAhead& look, std::optional<double> largest_step) {
+  return choose_costed_potential(look, largest_step).potential;
 }
 
 }  // namespace rubato

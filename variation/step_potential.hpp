@@ -28,7 +28,7 @@ struct StepPotential {
     double energy = 0.0, slope = 0.0;
   };
   [[nodiscard]] Part at(double h) const;
-  /// A bound of what rounding makes of f'(h), which is `energy`.
+  /// A bound of the rounding error of f'(h), which is `energy`.
   [[nodiscard]] double rounding_of(double energy) const;
 
   void save(StateWriter& state) const;
@@ -39,7 +39,7 @@ struct StepPotential {
 struct StepPotentialChoice {
   enum class Kind {
     none,
-    automatic,  ///< by a scout (choose_step_potential)
+    automatic,  ///< by a look-ahead (choose_step_potential)
     given,      ///< f' = σ (s+1)|η_0| h_0^s (h/(κ h_0))^p, with σ the sign of η_0, of the first step h_0
     stated,     ///< `potential` itself
     usual,      ///< automatic, unless something else is said of the places where the law has no solution
@@ -60,9 +60,9 @@ public:
   using std::invalid_argument::invalid_argument;
 };
 
-/// What a scout saw of an orbit: η in the middle of each of its steps, from dK/d|h| = s(s+1)|h|^(s-1) η (theory,
+/// What a look-ahead saw of an orbit: η in the middle of each of its steps, from dK/d|h| = s(s+1)|h|^(s-1) η (theory,
 /// section 8).
-struct Scouting {
+struct LookAhead {
   int order = 2;
   double step = 0.0;              ///< |h_0|, of the run's first step
   std::vector<double> time = {};  ///< |t - t_0| of the middles, increasing
@@ -71,47 +71,46 @@ struct Scouting {
   double energy_size = 0.0;  ///< of the terms of K: what a potential has to be seen beside where η vanishes
   double first_size = 0.0;   ///< the same of the first step: beside a larger f' they would be lost; 0 if not known
   double tolerance = 1e-13;  ///< that levels will be solved to, relative to energy_size
-  double rounding = 0.0;     ///< bound of what rounding makes of K
+  double rounding = 0.0;     ///< bound of the rounding error of K
 
   [[nodiscard]] double largest_eta() const;  ///< max |η|
   /// What the node energy is off by in a step of that length with that η, (s+1)|η|h^s (theory, section 8).
   [[nodiscard]] double off(double value, double length) const;
   /// The time that η[i] stands for: from half way to the one before to half way to the next.
   [[nodiscard]] double time_of(std::size_t i) const;
-  /// What |h dE/dh| has to be, to tell one step from another.
+  /// What |h dE/dh| has to be, to distinguish one step from another.
   [[nodiscard]] double resolved_slope() const;
-  /// The smallest |η| that K tells of in a first step: its |h dE/dh| there is that.
-  [[nodiscard]] double least_told() const;
-  /// Whether K depends on h at all: else every first step leaves K and H the same, to a tenth of the tolerance or to
+  /// The smallest |η| that K reports on in a first step: its |h dE/dh| there is that.
+  [[nodiscard]] double least_resolved() const;
+  /// True if K depends on h at all: else every first step leaves K and H the same, to a tenth of the tolerance or to
   /// rounding.
   [[nodiscard]] bool depends_on_step() const;
-  /// Whether K tells one step from another, anywhere.
+  /// True if K distinguishes one step from another, anywhere.
   [[nodiscard]] bool knows_step() const;
 };
 
-/// The potential for a scouted orbit. At order 4 and more that of steps that are nearly equal, where equal ones do as
-/// well as those that follow η (equal_steps.hpp). Else both signs, two exponents, and lengths from steps that are
-/// nearly equal to steps that hardly feel it are tried; those count with which all levels are forecast to exist, with a
-/// margin. What their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for an error. Of
-/// those not much worse than the best, and at order 4 and more, or where η did something new in the second half of the
-/// stretch, of those that would last if it changed its sign as well, one that is hardly felt is taken; if there is none
-/// the weakest of those about as good as the best. Hypothesis: at least one η, all finite.
-[[nodiscard]] StepPotential choose_step_potential(const Scouting& scouting, std::optional<double> largest_step);
+/// The potential for an orbit that was looked along. At order 4 and more that of steps that are nearly equal, where
+/// equal ones do as well as those that follow η (equal_steps.hpp). Else both signs, two exponents, and lengths from
+/// steps that are nearly equal to steps that hardly feel it are tried; those count with which all levels are forecast
+/// to exist, with a margin. What their steps are worth is steps · max|D - D_0|^(1/s), the number of steps it takes for
+/// an error. Of those not much worse than the best, and at order 4 and more, or where η did something new in the second
+/// half of the stretch, of those that would last if it changed its sign as well, one that is hardly felt is taken; if
+/// there is none the weakest of those about as good as the best. Hypothesis: at least one η, all finite.
+[[nodiscard]] StepPotential choose_step_potential(const LookAhead& look, std::optional<double> largest_step);
 
-/// How many times as many steps a potential takes over a scouted stretch as the law does without one, whose steps are,
-/// by the step law (theory, section 3), h_0 (|η_0|/|η|)^(1/(s+1)); 1 where K hardly
-/// knows h.
-[[nodiscard]] double price_in_steps(const Scouting& scouting, const StepPotential& potential);
+/// How many times as many steps a potential takes over the stretch of a look-ahead as the law does without one, whose
+/// steps are, by the step law (theory, section 3), h_0 (|η_0|/|η|)^(1/(s+1)); 1 where K hardly knows h.
+[[nodiscard]] double cost_in_steps(const LookAhead& look, const StepPotential& potential);
 
 /// Both, as the choice has forecast the steps already.
-struct PricedPotential {
+struct CostedPotential {
   StepPotential potential;
-  double price_in_steps = 1.0;
+  double cost_in_steps = 1.0;
 };
-[[nodiscard]] PricedPotential choose_priced_potential(const Scouting& scouting, std::optional<double> largest_step);
+[[nodiscard]] CostedPotential choose_costed_potential(const LookAhead& look, std::optional<double> largest_step);
 
 /// The potential of StepPotentialChoice::Kind::given.
-[[nodiscard]] StepPotential make_step_potential(const Scouting& scouting, double kappa, double exponent);
+[[nodiscard]] StepPotential make_step_potential(const LookAhead& look, double kappa, double exponent);
 
 /// The strength rounded to six binary digits, within 1.6 %: rounding in η changes no potential, nor do units that
 /// differ by powers of two.

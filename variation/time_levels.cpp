@@ -89,7 +89,7 @@ StepReport TimeLevels::report(Status status, double h) {
   result.iterations = scheme_.iterations();
   result.target = scheme_.energy_target().value_or(energy_);
   if (status == Status::success) {
-    // With fixed levels nothing is solved to it; with variable ones whoever stalls looks again.
+    // With fixed levels nothing is solved to it; with variable ones the caller that stalls looks again.
     const std::size_t period = scheme_.energy_size_period();
     if (steps_ % (options_.levels == Levels::fixed ? period : period / size_period) == 0) {
       measure(h);
@@ -106,7 +106,7 @@ StepReport TimeLevels::report(Status status, double h) {
 }
 
 /// What may be left of the level equation. A part of the tolerance, so that what is reported stays within it, and
-/// further down to what rounding makes of E_k at this level, or to as many times that as the tolerance is coarser than
+/// further down to the rounding error of E_k at this level, or to as many times that as the tolerance is coarser than
 /// the usual one: the tolerance is relative to the largest terms of the run, beside which H - E itself may be nothing
 /// where terms are small, as far out on an eccentric orbit. A trial more is cheap, and what is left of the equation is
 /// part of the error of h. Never less than the last place of E, which is far more than that of the terms of K beside a
@@ -132,8 +132,8 @@ double TimeLevels::gamma_of(const StepReport& step) const {
 }
 
 void TimeLevels::add_evidence(StepReport& failed) const {
-  failed.gamma_before = told_gamma(scheme_.has_gamma() && steps_ < 2 ? slope_gamma_[0] : slope_gamma_[1]);
-  failed.gamma_after = told_gamma(scheme_.has_gamma() ? scheme_.node().gamma : slope_gamma_[0]);
+  failed.gamma_before = reported_gamma(scheme_.has_gamma() && steps_ < 2 ? slope_gamma_[0] : slope_gamma_[1]);
+  failed.gamma_after = reported_gamma(scheme_.has_gamma() ? scheme_.node().gamma : slope_gamma_[0]);
 }
 
 void TimeLevels::take(StepReport& result) {
@@ -288,7 +288,7 @@ double TimeLevels::plain_length() const {
 /// A plain step, flagged, where the law was not met: of plain_length() or, where that is too long for the
 /// step's own equation, of half of it, and so on as far as the first step's. One that has another energy altogether is
 /// none: the motion blows up, and there is nothing beyond. Where a longer one, or the trials for the law, left the
-/// domain of H that is told from less, as shorter steps would only lead across.
+/// domain of H that is distinguished from less, as shorter steps would only lead across.
 StepReport TimeLevels::plain_instead(const StepReport& failed) {
   const double first = std::abs(fixed_h_);
   double length = std::abs(plain_length());
@@ -314,8 +314,8 @@ StepReport TimeLevels::flagged(StepReport result) {
   }
   result.off_law = true;
   singular_ = true;
-  result.gamma_before = told_gamma(steps_ == 0 && scheme_.has_gamma() ? scheme_.node().gamma : slope_gamma_[0]);
-  result.gamma_after = told_gamma(gamma_of(result));
+  result.gamma_before = reported_gamma(steps_ == 0 && scheme_.has_gamma() ? scheme_.node().gamma : slope_gamma_[0]);
+  result.gamma_after = reported_gamma(gamma_of(result));
   take(result);
   return result;
 }

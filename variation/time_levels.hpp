@@ -30,9 +30,9 @@ struct LevelOptions {
   OnSingular on_singular = OnSingular::plain;
   double tolerance = 1e-13;       ///< of the level equation, relative to energy_scale()
   double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
-  double energy_constant = 0.0;   ///< to be added to the scheme's energies in what is told of them
+  double energy_constant = 0.0;   ///< to be added to the scheme's energies in what is reported on them
   StepPotentialChoice potential = {};
-  /// |until - start|, as far as it is known: whether a scout is worth while
+  /// |until - start|, as far as it is known: whether a look-ahead is worth while
   /// (is_short_run, nearly_equal_steps); infinite if it is not.
   double run_length = std::numeric_limits<double>::infinity();
 };
@@ -49,7 +49,7 @@ struct StepReport {
   /// nobody asked for.
   double slope = 0.0;
   /// Step condition (|E_k - E| + δE) / |h dE/dh|, the relative error of h: by what is left of the level equation (on
-  /// steps that meet it), and by δE, a bound of what rounding makes of E_k. For the midpoint 𝕃 |h dE/dh| = h²|Γ|/4. NaN
+  /// steps that meet it), and by δE, a bound of the rounding error of E_k. For the midpoint 𝕃 |h dE/dh| = h²|Γ|/4. NaN
   /// with fixed levels, where h is what was asked for.
   double condition = 0.0;
   int iterations = 0;
@@ -80,7 +80,7 @@ struct StepReport {
 /// A step that is not flagged meets E_k = E, to the tolerance or to what rounding in E_k leaves, whichever
 /// is larger; the very numbers of its report are judged before it is taken. However large terms grow, as in a blow-up,
 /// it is within a thousandth of those that E was set with. H has no preferred zero: what the tolerance is relative to,
-/// and what rounding makes of E_k, are properties of the terms that E_k is the sum of (LevelScheme::energy_size), not
+/// and the rounding error of E_k, are properties of the terms that E_k is the sum of (LevelScheme::energy_size), not
 /// of its value.
 class TimeLevels {
 public:
@@ -101,15 +101,15 @@ public:
   [[nodiscard]] double energy_scale() const { return energy_scale_; }
   /// The largest of each part of the size of K_h so far (LevelScheme::energy_size), f' left out.
   [[nodiscard]] const formula::SumSize& sizes() const { return sizes_; }
-  /// A bound of what rounding makes of E_k, near the present level.
+  /// A bound of the rounding error of E_k, near the present level.
   [[nodiscard]] double energy_rounding() const { return rounding_; }
   [[nodiscard]] double last_step() const { return last_step_; }
   /// The step potential of the run; none before the first step.
   [[nodiscard]] const StepPotential& potential() const { return potential_; }
-  /// price_in_steps() of a potential that was chosen by a scout. It is told of a run that is restored, too, not by
-  /// save(), whose layout records have.
-  [[nodiscard]] std::optional<double> potential_price() const { return potential_price_; }
-  void tell_potential_price(std::optional<double> price) { potential_price_ = price; }
+  /// cost_in_steps() of a potential that was chosen by a look-ahead. It is reported on a run that is restored, too, not
+  /// by save(), whose layout records have.
+  [[nodiscard]] std::optional<double> potential_cost() const { return potential_cost_; }
+  void set_potential_cost(std::optional<double> cost) { potential_cost_ = cost; }
   [[nodiscard]] const LevelOptions& options() const { return options_; }
 
   void save(StateWriter& state) const;
@@ -125,7 +125,7 @@ private:
   StepReport first_step();
   StepReport variable_step();
   StepReport steady_step();
-  /// Whether K was found not to depend on h, so that f' is 0 and every step as long as the first.
+  /// True if K was found not to depend on h, so that f' is 0 and every step as long as the first.
   [[nodiscard]] bool is_steady() const {
     return options_.potential.kind != StepPotentialChoice::Kind::none && !potential_.active();
   }
@@ -139,7 +139,7 @@ private:
   [[nodiscard]] double allowed_miss(const StepReport& step) const;
   [[nodiscard]] double gamma_of(const StepReport& step) const;
   /// Γ where -24 η is a multiple of it; else -24 η itself.
-  [[nodiscard]] double told_gamma(double law) const {
+  [[nodiscard]] double reported_gamma(double law) const {
     return std::isnan(scheme_.gamma_factor()) ? law : law / scheme_.gamma_factor();
   }
   void add_evidence(StepReport& failed) const;
@@ -186,9 +186,9 @@ private:
   StepPotential potential_;  ///< by set_potential()
   mutable StepPotential::Part potential_part_;
   mutable double potential_length_ = std::numeric_limits<double>::quiet_NaN();  ///< where that is
-  std::optional<double> potential_price_;
+  std::optional<double> potential_cost_;
   StepForecast forecast_;       ///< with a step potential
-  Extrapolation slope_ratios_;  ///< dE/dh by differences over the scheme's, of steps that told it
+  Extrapolation slope_ratios_;  ///< dE/dh by differences over the scheme's, of steps that reported it
   double since_ratio_ = 0.0;    ///< the time since the start of the newest of them
   double first_miss_ = std::numeric_limits<double>::infinity();  ///< |E_k - E| of first trials, on the last steps
   double left_of_miss_ = 1.0;  ///< of |E_k - E| after Newton's moves, beyond the tolerance, on the last steps

@@ -5,8 +5,8 @@
 #include <limits>
 
 /// \file
-/// The numbers that were tuned, or chosen, in the search for levels, with their reasons: here, so that whoever changes
-/// one sees the others. Tolerances of a single formula stand beside it.
+/// The numbers that were tuned, or chosen, in the search for levels, with their reasons: here, so that a reader who
+/// changes one sees the others. Tolerances of a single formula stand beside it.
 
 namespace rubato::tuning {
 
@@ -22,8 +22,8 @@ inline constexpr int most_trials = 60;
 
 // The equations of a step, whatever the scheme
 
-/// E_k is told from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last is solved
-/// nearly as well as the last.
+/// E_k is distinguished from its neighbours by terms of order h^s, and its slope with it: a trial that is not the last
+/// is solved nearly as well as the last.
 inline constexpr double loosest_trial = 1e-13;
 /// What the next correction would mend, relative, at which a step is solved: leftovers, of one sign, must not add up.
 inline constexpr double least_leftover = 1e-3 * std::numeric_limits<double>::epsilon();
@@ -80,14 +80,15 @@ inline constexpr double steps_ahead = 3.0;
 /// A sign change from one Γ to another this many times larger is no crossing of a simple zero: those are balanced.
 inline constexpr double largest_crossing_ratio = 16.0;
 
-// The scout of a step potential (scout.cpp; theory, section 9)
+// The look-ahead of a step potential (look_ahead.cpp; theory, section 9)
 
-/// What a scout sees at least, in first steps: a period of what an orbit does is some dozens of steps that resolve it.
+/// What a look-ahead sees at least, in first steps: a period of what an orbit does is some dozens of steps that resolve
+/// it.
 inline constexpr double least_stretch = 400.0;
 /// Steps it takes at most, if the state is as small as an orbit's, and if it is large.
 inline constexpr std::size_t most_steps = 3200, most_large_steps = 400;
 /// At order_with_zeros and more it looks after so many first steps, and again whenever it has seen twice as much,
-/// whether it has seen enough to take equal steps; with strides of which a look has eight at least. Where K tells
+/// whether it has seen enough to take equal steps; with strides of which a look has eight at least. Where K shows
 /// nothing by the second look it is enough if no longer strides can be taken; as they can far out on an eccentric
 /// orbit, where as many first steps are looked through for what is to come.
 inline constexpr double first_look = 16.0, second_look = 32.0, strides_in_look = 8.0;
@@ -107,14 +108,14 @@ inline constexpr double look_again = 1.1;
 /// only overflow.
 inline constexpr double blown_up = 1e100;
 /// η is wanted to two digits.
-inline constexpr double scout_accuracy = 1e-5;
+inline constexpr double look_ahead_accuracy = 1e-5;
 /// Change of η from one step to the next, relative to the larger, with which steps may become twice as long; beyond
 /// which a long step is taken again, half as long; and after how many steps the longer ones are tried once more. A
 /// longer step has an error of η that is four times as large: so it stays a few hundredths.
 inline constexpr double hardly_changed = 0.05, changed_much = 0.2;
 inline constexpr int steps_until_tried_again = 8;
 inline constexpr double longest_stride = 1024.0;
-/// A stride that leaves the energy off by this part of its terms tells nothing of the motion: it passes over it.
+/// A stride that leaves the energy off by this part of its terms shows nothing of the motion: it passes over it.
 inline constexpr double off_much = 0.1;
 /// A stride that takes more than so many iterations, and so many times those of a shorter one for the same time, is not
 /// tried again, nor is a longer one: where a fixed point no longer contracts there are thousands in a step.
@@ -123,8 +124,8 @@ inline constexpr double dear = 2.0;
 
 // The choice of a step potential (step_potential.cpp)
 
-/// A forecast goes on in strides of steps that are alike: so many to a stretch between two steps of the scout, over
-/// which η changes by a tenth or so, and to a turn of what is made of it.
+/// A forecast goes on in strides of steps that are alike: so many to a stretch between two steps of the look-ahead,
+/// over which η changes by a tenth or so, and to a turn of what is made of it.
 inline constexpr double strides_in_piece = 8.0, strides_in_turn = 128.0;
 /// Between the ends of a stride, relative; else it was too long, and steps go on one by one.
 inline constexpr double alike_change = 0.03;
@@ -134,7 +135,7 @@ inline constexpr double last_forecast_move = 1e-5;
 inline constexpr int most_forecast_steps = 20;
 /// |ln(h_{k+1}/h_k)| up to which the levels' leading order is believed.
 inline constexpr double believed_change = 0.2;
-/// The levels have to exist for an η that much larger, too: the orbit will meet what the scout did not.
+/// The levels have to exist for an η that much larger, too: the orbit will meet what the look-ahead did not.
 inline constexpr double eta_margin = 1.5;
 /// h dE/dh has to be this part of the terms of K: rounding in these then moves h by 1e-6 of itself at most. Or so many
 /// times the tolerance that levels are solved to, for what that leaves to move h by a thousandth at most; E_k is met
@@ -153,10 +154,11 @@ inline constexpr double unfelt_by_levels = 0.1;
 /// Potentials are as good as the best up to this part of its work.
 inline constexpr double as_good = 0.1;
 /// So much more work may one be that is hardly felt, as the law without a potential is.
-inline constexpr double price_of_the_law = 0.5;
+inline constexpr double cost_of_the_law = 0.5;
 /// A potential of this part of what the node energy is off with equal steps is hardly felt.
 inline constexpr double unfelt = 1e-3;
-/// How far η may leave what the first half of a scouted stretch has shown, for the second to have nothing new.
+/// How far η may leave what the first half of the stretch of a look-ahead has shown, for the second to have nothing
+/// new.
 inline constexpr double nothing_new = 0.5;
 /// So many times η is made to change its sign and back, to see whether levels would last where it does so unseen.
 inline constexpr double unseen_turns = 6.0;
@@ -164,13 +166,14 @@ inline constexpr double unseen_turns = 6.0;
 inline constexpr double order_with_zeros = 4.0;
 /// Where the node energy hardly changes, this part of what it is off with equal steps counts for its change.
 inline constexpr double negligible = 0.01;
-/// Where η vanishes, K is the same for every h, and the potential alone tells one step from another: f' is at least
-/// this part of the terms of K then, well above what rounding makes of them.
+/// Where η vanishes, K is the same for every h, and the potential alone distinguishes one step from another: f' is at
+/// least this part of the terms of K then, well above their rounding errors.
 inline constexpr double least_strength = 1e-6, least_strength_by_tolerance = 100.0;
 
 // Steps that are nearly equal (equal_steps.cpp)
 
-/// A run of fewer first steps than so many times least_stretch is short: a scout would cost a quarter of it and more.
+/// A run of fewer first steps than so many times least_stretch is short: a look-ahead would cost a quarter of it and
+/// more.
 inline constexpr double short_run = 4.0;
 /// A gain by following η that is worth a choice among many potentials, which allow for steps that change fast
 /// and for what was not seen, and so seldom gain more than half of it.
@@ -179,9 +182,9 @@ inline constexpr double worth_following = 1.5;
 /// times larger in its second half.
 inline constexpr int turns_of_repetition = 4;
 inline constexpr double turn_of_eta = 0.1, growth_of_repetition = 1.5;
-/// f' of nearly equal steps where a scout saw them: this part of the terms of K, so that levels exist until the node
-/// energy is off by four times that, whatever is to come; or so many times what it was seen to be off by, but no more
-/// than a part of the terms that is half of what a user is warned of, if that is so many times what was seen.
+/// f' of nearly equal steps where a look-ahead saw them: this part of the terms of K, so that levels exist until the
+/// node energy is off by four times that, whatever is to come; or so many times what it was seen to be off by, but no
+/// more than a part of the terms that is half of what a user is warned of, if that is so many times what was seen.
 inline constexpr double stiff_part = 1e-4, stiff_margin = 10.0, most_stiff_part = 0.05, least_stiff_margin = 2.0;
 /// And where one step was all that was seen: this part of the terms of K, a hundredth of what a user is warned of, and
 /// at least so many times what the node energy was off by.
@@ -197,11 +200,11 @@ inline constexpr double longest_move = 1.25, nearby = 0.05;
 /// An h off by this part of itself is as good as exact: the motion's own terms, which it moves by as much of what they
 /// change in a step, are rounded by more.
 inline constexpr double unfelt_in_step = 1e-12;
-/// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is told to first order in what the step is off by.
+/// What a loosely solved step leaves of E_k, beside h dE/dh: E_k is reported to first order in what the step is off by.
 inline constexpr double loose_energy = 1e-9;
-/// A move that is hardly more than that may be the last; before it, loosely solved steps tell as much and cost less.
+/// A move that is hardly more than that may be the last; before it, loosely solved steps show as much and cost less.
 inline constexpr double last_move = 10.0 * loose_energy;
-/// Differences that stand out from their errors so far tell what the scheme's slope is off by, if that is within:
+/// Differences that stand out from their errors so far show what the scheme's slope is off by, if that is within:
 inline constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
 
 }  // namespace rubato::tuning

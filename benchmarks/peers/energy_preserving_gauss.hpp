@@ -64,7 +64,7 @@ public:
     accept();
     return true;
   }
-  /// Whether the present step has an α at all: whether H(z_{k+1}) - H(z_0) changes its sign between any of many.
+  /// True if the present step has an α at all: whether H(z_{k+1}) - H(z_0) changes its sign between any of many.
   [[nodiscard]] bool has_alpha(double h) {
     constexpr int parts = 64;
     double last = std::numeric_limits<double>::quiet_NaN();
@@ -95,7 +95,7 @@ public:
   /// Of the last step.
   ///@{
   [[nodiscard]] double alpha() const { return alpha_; }
-  [[nodiscard]] bool tuned() const { return tuned_; }             ///< whether it kept H
+  [[nodiscard]] bool tuned() const { return tuned_; }             ///< true if it kept H
   [[nodiscard]] int evaluations() const { return evaluations_; }  ///< of ∇H at both stages, or of H_zz
   ///@}
 
@@ -205,7 +205,7 @@ private:
         contraction_ = size / last;
       }
       if (std::min(contraction_, 1.0) * size <= 0.25 * epsilon || (size >= 0.5 * last && size < 16.0 * epsilon)) {
-        // δ = Σ (A⁻ᵀb)_i Y_i, told by f where that is known.
+        // δ = Σ (A⁻ᵀb)_i Y_i, given by f where that is known.
         const Eigen::Vector2d of_stages = a_.transpose().inverse() * Eigen::Vector2d(0.5, 0.5);
         delta_ = 0.5 * h * (slopes_.col(0) + slopes_.col(1)) + (correction_ - residual_) * of_stages;
         return true;
@@ -227,7 +227,7 @@ private:
       return false;
     }
     curvature(end(), hessian_there_, gamma_there_);
-    // H is told at a rounded z, which is half an ε of itself off.
+    // H is reported at a rounded z, which is half an ε of itself off.
     const double allowed = rounding_({point_.data(), static_cast<std::size_t>(point_.size())}).rounding +
                            epsilon * gradient_.cwiseAbs().dot(point_.cwiseAbs());
     double slope = -(xi + alpha_) * h * h * (gamma_there_ - gamma_here_);
@@ -273,7 +273,7 @@ private:
   Eigen::PartialPivLU<Matrix> factors_;
   Eigen::Matrix2d a_;
   std::array<Past, 2> past_;
-  std::array<bool, 2> foreseen_{};  ///< whether α of the last two steps was known to a tenth of itself
+  std::array<bool, 2> foreseen_{};  ///< true if α of the last two steps was known to a tenth of itself
   std::size_t known_ = 0;
   double energy_ = 0.0, alpha_ = 0.0, gamma_here_ = 0.0, gamma_there_ = 0.0;
   double contraction_ = 1.0;

@@ -1,6 +1,6 @@
 // Ten thousand periods of a breather and of a soliton on a ring: how far phase and shape are off, and what
-// energy and charge do, by Rubato and by codes written by hand, at about equal cost. One thread. docs/performance-tables.md
-// has what it prints.
+// energy and charge do, by Rubato and by codes written by hand, at about equal cost. One thread.
+// docs/performance-tables.md has what it prints.
 //
 //     build/benchmarks/benchmark_periods [periods]
 #include <omp.h>
@@ -78,7 +78,7 @@ Periodic breather() {
               }};
 }
 
-/// i ψ_t + ψ_xx + 2|ψ|²ψ = 0: a soliton that goes round. (Two that are bound to each other, 2 sech x, tell nothing of
+/// i ψ_t + ψ_xx + 2|ψ|²ψ = 0: a soliton that goes round. (Two that are bound to each other, 2 sech x, show nothing of
 /// schemes: whatever is off grows with the square and the cube of time, and that of the grid is the first to show.)
 Periodic travelling_soliton() {
   const double length = 30, c = 2 * std::numbers::pi * 5 / length, velocity = 2 * c;

@@ -18,7 +18,7 @@ inline constexpr std::size_t most_measures = 2;
 struct Outcome {
   std::array<double, most_measures> errors = {};
   double seconds = 0.0;  ///< CPU time of the steps
-  double before = 0.0;   ///< of these, what was spent before the first step (the scout of variable levels)
+  double before = 0.0;   ///< of these, what was spent before the first step (the look-ahead of variable levels)
   long steps = 0;        ///< that were taken, where `effort` is not their number
 };
 
@@ -47,7 +47,7 @@ struct Study {
   double longest_run = 1.0;           ///< and of one run
   double growth_of_levels = 1.41421;  ///< of the effort from run to run of a search with variable levels
   double shortest_measurement = 0.0;  ///< seconds; a shorter run is repeated in its turn, and the mean taken
-  /// Whether an error is reached only if the next finer run that was tried reaches twice of it, too: where errors pass
+  /// True if an error is reached only if the next finer run that was tried reaches twice of it, too: where errors pass
   /// through zero.
   bool steadily = false;
 };

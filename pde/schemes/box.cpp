@@ -1,7 +1,7 @@
 #include <utility>
 
 #include <rubato/grids/fourier.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/solve/cyclic_parts.hpp>

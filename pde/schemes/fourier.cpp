@@ -2,7 +2,7 @@
 #include <optional>
 #include <utility>
 
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
 

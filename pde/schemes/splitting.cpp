@@ -44,24 +44,24 @@ public:
   }
   void accept() override {
     splitting_.accept();
-    told_ = false;
+    reported_ = false;
     grow_older();
     move();
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
-    told_ = true;
+    reported_ = true;
     splitting_.stand(level_);
     start_level();
   }
   void correct(const grids::FieldSet& fields) override {
     level_.fields.copy_from(fields);
-    told_ = true;
+    reported_ = true;
     splitting_.stand(level_);
     start_level();
   }
-  [[nodiscard]] bool level_is_told() const override { return told_; }
-  void tell_previous(grids::FieldSet& fields) const override { splitting_.fields_before(fields); }
+  [[nodiscard]] bool level_is_current() const override { return reported_; }
+  void write_previous(grids::FieldSet& fields) const override { splitting_.fields_before(fields); }
 
   void save(StateWriter& state) const override {
     save_level(state, true);
@@ -69,7 +69,7 @@ public:
   }
   void restore(StateReader& state) override {
     const bool has_waves = restore_level(state);
-    told_ = true;
+    reported_ = true;
     splitting_.stand(level_);
     if (has_waves) {
       splitting_.restore(state);
@@ -79,14 +79,14 @@ public:
 private:
   [[nodiscard]] double energy_at_end() const override { return splitting_.energy(); }
   [[nodiscard]] double energy_at_start() const override { return splitting_.energy_here(); }
-  void tell_level() const override {
-    if (!told_) {
+  void append_level() const override {
+    if (!reported_) {
       splitting_.fields_here(level_.fields);
-      told_ = true;
+      reported_ = true;
     }
   }
 
-  mutable bool told_ = true;  ///< level_ is where splitting_ stands
+  mutable bool reported_ = true;  ///< level_ is where splitting_ stands
   mutable WaveSplitting splitting_;
   const Composition& composition_;
 };

@@ -11,7 +11,7 @@
 #include <omp.h>
 
 #include <rubato/problem/orbit_problem.hpp>
-#include <rubato/run/member_findings.hpp>
+#include <rubato/run/member_verdicts.hpp>
 #include <rubato/run/threads.hpp>
 
 namespace rubato::python {
@@ -194,7 +194,7 @@ public:
   [[nodiscard]] py::dict results(const std::vector<std::size_t>& numbers, std::size_t all_members) {
     const HamiltonianProblem& orbit = *ensemble_.hamiltonian();
     LastLevels last(outcomes_.size(), 2 * orbit.q.size());
-    MemberFindings findings;
+    MemberVerdicts findings;
     std::vector<std::string> verdicts(outcomes_.size());
     for (std::size_t m = 0; m < outcomes_.size(); ++m) {
       if (!outcomes_[m]) {

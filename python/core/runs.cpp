@@ -83,7 +83,7 @@ Ending resume_file(const std::string& file, std::optional<double> until, int thr
 }
 
 Ending check_file(const std::string& file, bool replay) {
-  const bool ensemble = is_ensemble(record::Reader(file, record::Altered::told));
+  const bool ensemble = is_ensemble(record::Reader(file, record::Altered::reported));
   return carry_out({0, py::none()}, {}, [&](const RunOptions& complete) {
     if (ensemble) {
       return ending_of(check_ensemble(file, complete));

@@ -70,11 +70,11 @@ class Watch {
 public:
   explicit Watch(const Problem& problem)
       : problem_(problem),
-        teller_(problem),
+        writer_(problem),
         reading_(reading_of(problem)),
-        layout_(described(teller_)),
+        layout_(described(writer_)),
         rows_(layout_) {
-    for (const std::string& name : teller_.names()) {
+    for (const std::string& name : writer_.names()) {
       figures_.push_back({name, {}});
       columns_.emplace_back();
       for (std::size_t i = 0; i < layout_.datasets.size(); ++i) {
@@ -88,12 +88,12 @@ public:
 
   /// The conditions with `stop` that hold at the start, as crossings there.
   [[nodiscard]] std::vector<FoundCrossing> begin(std::span<const double> z, double t) {
-    teller_.begin(rows_, z, t, figures_);
+    writer_.begin(rows_, z, t, figures_);
     return take();
   }
   /// The crossings of a step, in the order of the run.
   [[nodiscard]] std::vector<FoundCrossing> follow(const OutputStep& step) {
-    teller_.append(rows_, step, figures_);
+    writer_.append(rows_, step, figures_);
     std::vector<FoundCrossing> found = take();
     std::ranges::stable_sort(found, [&](const FoundCrossing& a, const FoundCrossing& b) {
       return step.length() < 0.0 ? a.t > b.t : a.t < b.t;
@@ -105,9 +105,9 @@ private:
   static std::optional<Reading> reading_of(const Problem& problem) {
     return problem.hamiltonian() == nullptr ? std::nullopt : std::optional<Reading>(problem);
   }
-  static record::Layout described(EventTeller& teller) {
+  static record::Layout described(EventWriter& writer) {
     record::Layout layout;
-    teller.describe(layout);
+    writer.describe(layout);
     return layout;
   }
 
@@ -141,7 +141,7 @@ private:
   }
 
   const Problem& problem_;
-  EventTeller teller_;
+  EventWriter writer_;
   std::optional<Reading> reading_;
   record::Layout layout_;
   LastRows rows_;

@@ -32,7 +32,7 @@ private:
 /// that nobody writes to) is refused without waiting for it. Throws Failure.
 [[nodiscard]] Descriptor open_regular(const std::filesystem::path& file);
 
-/// Whether the name leads to the file that was opened, and not to one that took its place.
+/// True if the name leads to the file that was opened, and not to one that took its place.
 [[nodiscard]] bool leads_to(const std::filesystem::path& file, int descriptor);
 
 [[nodiscard]] bool same_file(int descriptor, int other);
@@ -40,9 +40,9 @@ private:
 [[nodiscard]] std::uint64_t size_of(int descriptor);
 
 /// An exclusive lock (flock) on an empty file of its own, `NAME.lock`, which is made if there is none and removed while
-/// the lock is still held: whoever holds it is the only one who may write the record NAME. The lock of a process that
-/// died is gone, and its file is taken over. Throws Failure if another process has it, or if something that is no lock
-/// is in its place.
+/// the lock is still held: the caller that holds it is the only one who may write the record NAME. The lock of a
+/// process that died is gone, and its file is taken over. Throws Failure if another process has it, or if something
+/// that is no lock is in its place.
 class FileLock {
 public:
   explicit FileLock(std::filesystem::path file);

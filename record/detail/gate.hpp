@@ -9,7 +9,7 @@
 
 namespace rubato::record::detail {
 
-/// Every reader of a record comes through here before it reads a value. First the mark at the file's end tells whether
+/// Every reader of a record comes through here before it reads a value. First the mark at the file's end shows whether
 /// its bytes are those that were written; if they are not, the dataset that is damaged is looked for without reading
 /// any text (HDF5 keeps texts where it has no checksums of its own to stop it). Then, since anybody may have written
 /// the file, its structure is looked at as a whole: only groups and datasets of the types of records, joined by hard

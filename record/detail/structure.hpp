@@ -33,7 +33,7 @@ void validate(const Layout& layout);
 /// The sizes of the chunks of a dataset, rows first. Throws Failure if it is not stored in chunks.
 [[nodiscard]] std::vector<hsize_t> chunk_of(hid_t dataset);
 
-/// Whether ranks can write its rows together, by how it was made (record/together.hpp).
+/// True if ranks can write its rows together, by how it was made (record/together.hpp).
 [[nodiscard]] bool is_for_ranks(hid_t dataset);
 
 /// The links (name, target) that put a dataset's axis and scales into its own group.

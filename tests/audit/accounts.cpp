@@ -55,7 +55,8 @@ long double rounding_of(const std::string& key, const Json& run, const Roundings
 
 }  // namespace
 
-void compare_accounts(const Json& run, const Json& check, const Roundings& roundings, bool sparse, Findings& findings) {
+void compare_accounts(const Json& run, const Json& check, const Roundings& roundings, bool sparse,
+                      Disagreements& findings) {
   for (const auto& [key, value] : run.numbers) {
     if (key == "status" || key == "wall_seconds" || begins(key, "residuals.")) {
       continue;
@@ -78,7 +79,7 @@ void compare_accounts(const Json& run, const Json& check, const Roundings& round
   }
 }
 
-void same_account(const std::string& kind, const Json& first, const Json& second, Findings& findings) {
+void same_account(const std::string& kind, const Json& first, const Json& second, Disagreements& findings) {
   for (const auto& [key, text] : first.texts) {
     if (key == "wall_seconds" || key == "file") {
       continue;
@@ -149,7 +150,7 @@ std::vector<std::string> cells_of(const std::string& line) {
 
 }  // namespace
 
-void compare_table(const std::string& table, const Json& json, std::size_t column, Findings& findings) {
+void compare_table(const std::string& table, const Json& json, std::size_t column, Disagreements& findings) {
   static const std::regex number(R"([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)");
   static const std::regex words(R"(\(3\.4\)|H\(z_k\))");
   std::istringstream lines(table);

@@ -3,7 +3,7 @@
 // library.
 //
 //   audit problem orbit|lattice N           prints the problem file of a case
-//   audit RUBATO orbit|lattice N [M]        judges cases N … M-1, and tells what is wrong with each
+//   audit RUBATO orbit|lattice N [M]        judges cases N … M-1, and shows what is wrong with each
 //   audit RUBATO twins                      judges records in which something was made wrong
 //
 // Exits 0 if nothing is wrong.
@@ -33,19 +33,19 @@ using namespace audit;
 constexpr std::size_t most_told = 3;  ///< findings of a kind in one case
 
 bool judge(const std::string& program, const std::string& kind, std::uint64_t number) {
-  Findings findings;
+  Disagreements findings;
   (kind == "orbit" ? audit_orbit : audit_lattice)(program, number, findings);
   if (!findings.list.empty()) {
     fmt::print("{} {} ({})\n", kind, number,
                kind == "orbit" ? random_orbit(number).family : random_lattice(number).family);
   }
-  std::map<std::string, std::size_t> told;
+  std::map<std::string, std::size_t> reported;
   for (const auto& [word, text] : findings.list) {
-    if (told[word]++ < most_told) {
+    if (reported[word]++ < most_told) {
       fmt::print("    {}: {}\n", word, text);
     }
   }
-  for (const auto& [word, count] : told) {
+  for (const auto& [word, count] : reported) {
     fmt::print("    [{} × {}]\n", word, count);
   }
   std::fflush(stdout);

@@ -23,7 +23,7 @@ bool leaves_record(int status) {
 
 class CaseAudit {
 public:
-  CaseAudit(std::string program, const Case& which, Findings& findings)
+  CaseAudit(std::string program, const Case& which, Disagreements& findings)
       : program_(std::move(program)), case_(which), rules_(which.rules), findings_(findings) {}
 
   void audit() {
@@ -35,16 +35,16 @@ public:
       findings_.add("status", fmt::format("{}: {}", run.status, run.errors));
       return;
     }
-    told_ = parse_json(run.output);
+    reported_ = parse_json(run.output);
     record_ = read_record(folder_.path() / "run.h5");
-    if (told_["status"] != run.status) {
-      findings_.add("status", fmt::format("{} in the object, {} from the program", told_["status"], run.status));
+    if (reported_["status"] != run.status) {
+      findings_.add("status", fmt::format("{} in the object, {} from the program", reported_["status"], run.status));
     }
     judge_status(run);
     if (record_["/levels/h"].empty()) {
       return;
     }
-    roundings_ = case_.judge(record_, told_, findings_);
+    roundings_ = case_.judge(record_, reported_, findings_);
     check();
     resume(run.status);
     shift();
@@ -94,10 +94,10 @@ private:
         return;
       }
     }
-    const Json told = parse_json(object.output);
-    compare_accounts(told_, told, roundings_, rules_.every > 1, findings_);
-    compare_table(call(program_, {"check", "run.h5"}, folder_.path()).output, told, 0, findings_);
-    compare_table(call(program_, {"compare", "run.h5", "run.h5"}, folder_.path()).output, told_, 1, findings_);
+    const Json reported = parse_json(object.output);
+    compare_accounts(reported_, reported, roundings_, rules_.every > 1, findings_);
+    compare_table(call(program_, {"check", "run.h5"}, folder_.path()).output, reported, 0, findings_);
+    compare_table(call(program_, {"compare", "run.h5", "run.h5"}, folder_.path()).output, reported_, 1, findings_);
   }
 
   /// A run to the middle and on from there is the run to the end, bit by bit.
@@ -121,7 +121,7 @@ private:
       findings_.add("resume", fmt::format("status {} in place of {}: {}", second.status, status, second.errors));
       return;
     }
-    same_account("resume", told_, parse_json(second.output), findings_);
+    same_account("resume", reported_, parse_json(second.output), findings_);
     const Stored resumed = read_record(folder_.path() / "resumed.h5");
     for (const auto& [path, values] : record_.datasets) {
       const auto found = resumed.datasets.find(path);
@@ -194,16 +194,16 @@ private:
   std::string program_;
   const Case& case_;
   const LevelRules& rules_;
-  Findings& findings_;
+  Disagreements& findings_;
   Folder folder_;
-  Json told_;
+  Json reported_;
   Stored record_;
   Roundings roundings_;
 };
 
 }  // namespace
 
-void audit_case(const std::string& program, const Case& which, Findings& findings) {
+void audit_case(const std::string& program, const Case& which, Disagreements& findings) {
   try {
     CaseAudit(program, which, findings).audit();
   } catch (const std::exception& error) {

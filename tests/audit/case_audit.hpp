@@ -15,10 +15,10 @@ struct Case {
   bool automatic = false;  ///< the first step is chosen by trial runs, which know the end
   /// The same problem with a constant added to H, or to the integral of S.
   std::function<std::string(double constant)> shifted;
-  std::function<Roundings(const Stored& record, const Json& told, Findings& findings)> judge;
+  std::function<Roundings(const Stored& record, const Json& reported, Disagreements& findings)> judge;
 };
 
 /// Runs a problem through the program's commands and judges all that they say.
-void audit_case(const std::string& program, const Case& which, Findings& findings);
+void audit_case(const std::string& program, const Case& which, Disagreements& findings);
 
 }  // namespace audit

@@ -41,7 +41,7 @@ public:
     return evaluate(*node_, variables);
   }
 
-  /// Whether a variable numbered first … end - 1 is in it.
+  /// True if a variable numbered first … end - 1 is in it.
   [[nodiscard]] bool depends_on(std::size_t first, std::size_t end) const;
   /// The sum of those terms of the outermost sum for which `keep` is true.
   [[nodiscard]] Expression terms_where(const std::function<bool(const Expression&)>& keep) const;

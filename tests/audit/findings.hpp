@@ -8,7 +8,7 @@
 namespace audit {
 
 /// What an audit of one run found wrong, each under a word for its kind; and how near to its limit each check came.
-struct Findings {
+struct Disagreements {
   std::vector<std::pair<std::string, std::string>> list;
   std::map<std::string, long double> closest;  ///< largest ratio of a value to its limit, for each kind
   std::map<std::string, std::size_t> judged;   ///< how many values each kind of check has seen

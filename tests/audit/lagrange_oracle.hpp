@@ -12,7 +12,7 @@
 namespace audit {
 
 /// The equations of problems stated by L(q, q̇) (theory, section 7), evaluated in extended precision with a bound of
-/// what rounding makes of each in double. The polynomial of each step is found again from z_k and h, by Newton's method
+/// the rounding error of each in double. The polynomial of each step is found again from z_k and h, by Newton's method
 /// in extended precision. States are (q, p, q̇).
 class LagrangeOracle {
 public:

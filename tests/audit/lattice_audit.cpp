@@ -19,8 +19,8 @@ constexpr std::size_t most_steps = 10;
 
 class LatticeJudge {
 public:
-  LatticeJudge(const LatticeProblem& problem, const Stored& record, const Json& told, Findings& findings)
-      : problem_(problem), record_(record), oracle_(problem), levels_(problem.rules(), record, told, findings) {}
+  LatticeJudge(const LatticeProblem& problem, const Stored& record, const Json& reported, Disagreements& findings)
+      : problem_(problem), record_(record), oracle_(problem), levels_(problem.rules(), record, reported, findings) {}
 
   Roundings judge() {
     if (levels_.judge_levels()) {
@@ -108,7 +108,7 @@ private:
       levels_.judge_energy(k, step.energy);
       if (k == 0 && problem_.every == 1) {
         const Bounded mean = Bounded(0.5L) * (oracle_.node_energy(before) + oracle_.node_energy(after));
-        // A scout solves its steps to 1e-5.
+        // A look-ahead solves its steps to 1e-5.
         levels_.judge_strength(step.energy - mean, 1e-3L, oracle_.magnitude_of_terms(before));
       }
       const LatticeState reached = oracle_.means(after);
@@ -173,16 +173,16 @@ private:
       largest = std::max(largest, std::abs(law[i].value));
       squares += law[i].value * law[i].value;
     }
-    const auto told = [&](const char* what, long double difference) {
+    const auto reported = [&](const char* what, long double difference) {
       levels_.findings().within("local " + name, difference, limit, [&] {
         return fmt::format("step {}: {} is off by {:.2g} in place of {:.2g}, in a residual of {:.2g}", k, what,
                            static_cast<double>(difference), static_cast<double>(limit), static_cast<double>(largest));
       });
     };
-    told("the field", off);
-    told("its largest value", std::abs(record_["/laws/" + name + "_max"][k] - largest));
-    told("its rms",
-         std::abs(record_["/laws/" + name + "_rms"][k] - std::sqrt(squares / static_cast<long double>(law.size()))));
+    reported("the field", off);
+    reported("its largest value", std::abs(record_["/laws/" + name + "_max"][k] - largest));
+    reported("its rms", std::abs(record_["/laws/" + name + "_rms"][k] -
+                                 std::sqrt(squares / static_cast<long double>(law.size()))));
   }
 
   const LatticeProblem& problem_;
@@ -206,18 +206,19 @@ Case case_of(const LatticeProblem& problem) {
             shifted.S = shifted.S + constant / volume;
             return shifted.toml();
           },
-      .judge = [&problem](const Stored& record, const Json& told,
-                          Findings& found) { return judge_lattice(problem, record, told, found); },
+      .judge = [&problem](const Stored& record, const Json& reported,
+                          Disagreements& found) { return judge_lattice(problem, record, reported, found); },
   };
 }
 
 }  // namespace
 
-Roundings judge_lattice(const LatticeProblem& problem, const Stored& record, const Json& told, Findings& findings) {
-  return LatticeJudge(problem, record, told, findings).judge();
+Roundings judge_lattice(const LatticeProblem& problem, const Stored& record, const Json& reported,
+                        Disagreements& findings) {
+  return LatticeJudge(problem, record, reported, findings).judge();
 }
 
-void audit_lattice(const std::string& program, std::uint64_t number, Findings& findings) {
+void audit_lattice(const std::string& program, std::uint64_t number, Disagreements& findings) {
   const LatticeProblem problem = random_lattice(number);
   audit_case(program, case_of(problem), findings);
 }
@@ -242,7 +243,7 @@ int missed_of(const std::string& program, const Right& right, std::vector<Twin> 
   }
   const Folder folder;
   write_text(folder.path() / "p.toml", problem.toml());
-  const Json told = parse_json(call(program, {"run", "p.toml", "--json", "-o", "p.h5"}, folder.path()).output);
+  const Json reported = parse_json(call(program, {"run", "p.toml", "--json", "-o", "p.h5"}, folder.path()).output);
   const Stored record = read_record(folder.path() / "p.h5");
   twins.push_back({"step equation", "/states/" + problem.fields[0], problem.nodes() + 2, 1 + 1e-11});
   twins.push_back({"local energy", "/laws/fields/energy", problem.nodes() + 1, 1.001});
@@ -253,15 +254,15 @@ int missed_of(const std::string& program, const Right& right, std::vector<Twin> 
     double& value = damaged.datasets.at(twin.path).at(twin.place);
     value *= twin.factor;
     value += std::string(twin.kind).find("o") == 1 ? 1e-9 : 0.0;  // local laws and totals may be 0 to rounding
-    Findings found;
-    judge_lattice(problem, damaged, told, found);
+    Disagreements found;
+    judge_lattice(problem, damaged, reported, found);
     if (!found.has(twin.kind)) {
       fmt::print("FAILED: lattice {}: a record with a wrong {} was taken for good\n", number, twin.path);
       ++missed;
     }
   }
-  Findings none;
-  judge_lattice(problem, record, told, none);
+  Disagreements none;
+  judge_lattice(problem, record, reported, none);
   for (const auto& [kind, text] : none.list) {
     fmt::print("FAILED: lattice {}, undamaged: {}: {}\n", number, kind, text);
     ++missed;

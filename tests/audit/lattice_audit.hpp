@@ -9,11 +9,12 @@
 
 namespace audit {
 
-/// Judges a record of a lattice by the equations, and by them what the run told of it.
-Roundings judge_lattice(const LatticeProblem& problem, const Stored& record, const Json& told, Findings& findings);
+/// Judges a record of a lattice by the equations, and by them what the run reported on it.
+Roundings judge_lattice(const LatticeProblem& problem, const Stored& record, const Json& reported,
+                        Disagreements& findings);
 
 /// Runs one random lattice through the program's commands and judges all that they say.
-void audit_lattice(const std::string& program, std::uint64_t number, Findings& findings);
+void audit_lattice(const std::string& program, std::uint64_t number, Disagreements& findings);
 
 /// As orbit_twins().
 int lattice_twins(const std::string& program);

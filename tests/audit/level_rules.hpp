@@ -13,7 +13,7 @@ struct LevelRules {
   bool fixed = false;
   std::size_t every = 1;
   int order = 2;           ///< of the scheme
-  bool potential = false;  ///< whether a step potential is part of the conserved energy
+  bool potential = false;  ///< true if a step potential is part of the conserved energy
   double kappa = 0.0;      ///< of one that the problem gives; 0 where the run chose it
   double exponent = 0.0;   ///< the same
 };

@@ -15,8 +15,8 @@ constexpr long double most_in_double = 1e290L;
 
 }  // namespace
 
-LevelsJudge::LevelsJudge(const LevelRules& rules, const Stored& record, const Json& told, Findings& findings)
-    : rules_(rules), record_(record), told_(told), findings_(findings) {}
+LevelsJudge::LevelsJudge(const LevelRules& rules, const Stored& record, const Json& reported, Disagreements& findings)
+    : rules_(rules), record_(record), reported_(reported), findings_(findings) {}
 
 void LevelsJudge::add_scale(long double value) {
   roundings_.scale = std::isfinite(value) ? std::max(roundings_.scale, std::abs(value)) : roundings_.scale;
@@ -74,7 +74,7 @@ bool LevelsJudge::judge_levels() {
   return judge_potential();
 }
 
-/// f'(h) = strength·(|h|/length)^p: one power law for all steps. Its exponent, which no dataset tells, follows from the
+/// f'(h) = strength·(|h|/length)^p: one power law for all steps. Its exponent, which no dataset shows, follows from the
 /// longest and the shortest of them, to what their rounding leaves.
 bool LevelsJudge::judge_potential() {
   constexpr const char* path = "/levels/step_potential";
@@ -142,14 +142,14 @@ void LevelsJudge::judge_strength(const Bounded& size, long double part, long dou
   }
   // Where η vanishes the potential is to be seen beside the terms of K all the same.
   constexpr long double seen = 1e-6L;
-  const long double told = potential_[0] * std::pow(static_cast<long double>(rules_.kappa), exponent_);
+  const long double reported = potential_[0] * std::pow(static_cast<long double>(rules_.kappa), exponent_);
   const long double expected = std::abs(size.value);
   const long double limit = part * expected + evaluations * size.error + seen * terms;
-  findings_.within("strength of the step potential", std::abs(std::abs(told) - expected), limit, [&] {
-    return fmt::format("{:.6g} in place of {:.6g} ± {:.2g}", static_cast<double>(told), static_cast<double>(size.value),
-                       static_cast<double>(limit));
+  findings_.within("strength of the step potential", std::abs(std::abs(reported) - expected), limit, [&] {
+    return fmt::format("{:.6g} in place of {:.6g} ± {:.2g}", static_cast<double>(reported),
+                       static_cast<double>(size.value), static_cast<double>(limit));
   });
-  if (expected > limit && told * size.value < 0) {
+  if (expected > limit && reported * size.value < 0) {
     findings_.add("strength of the step potential", "it has the wrong sign");
   }
 }
@@ -157,7 +157,7 @@ void LevelsJudge::judge_strength(const Bounded& size, long double part, long dou
 void LevelsJudge::compare(const std::string& kind, double value, const Bounded& right, std::size_t at,
                           long double& largest) {
   if (!(std::abs(right.value) <= most_in_double) && !std::isfinite(value)) {
-    return;  // what leads to it is beyond what double holds: undefined, and told to be
+    return;  // what leads to it is beyond what double holds: undefined, and reported to be
   }
   largest = std::max(largest, evaluations * right.error);
   findings_.within(kind, std::abs(value - right.value), evaluations * right.error, [&] {
@@ -169,10 +169,10 @@ void LevelsJudge::compare(const std::string& kind, double value, const Bounded& 
 void LevelsJudge::judge_energy(std::size_t k, const Bounded& energy_of_scheme) {
   const Bounded energy = rules_.potential ? energy_of_scheme + potential_of(k) : energy_of_scheme;
   compare("stored energy", energies_[k], energy, k, roundings_.energy);
-  if (rules_.fixed || !told_.has("discrete_energy.value") || off_law_[k] != 0.0) {
+  if (rules_.fixed || !reported_.has("discrete_energy.value") || off_law_[k] != 0.0) {
     return;
   }
-  const long double target = told_["discrete_energy.value"];
+  const long double target = reported_["discrete_energy.value"];
   const long double off = std::abs(energy.value - target);
   // What one unit in the last place of h does, from the step condition (|E_k - E| + rounding)/|h dE/dh|.
   const long double condition = record_["/levels/step_condition"][k];
@@ -206,9 +206,9 @@ void LevelsJudge::judge_error(const std::string& name, const std::vector<Bounded
   const long double rms = std::sqrt(squares / static_cast<long double>(differences.size()));
   for (const auto& [word, value] : {std::pair{".max", largest}, {".rms", rms}}) {
     const std::string key = "error." + name + word;
-    const double told = told_.has(key) ? told_[key] : std::nan("");
-    findings_.within("told error", std::abs(told - value), rounding,
-                     [&] { return fmt::format("{}: {} in place of {}", key, told, static_cast<double>(value)); });
+    const double reported = reported_.has(key) ? reported_[key] : std::nan("");
+    findings_.within("told error", std::abs(reported - value), rounding,
+                     [&] { return fmt::format("{}: {} in place of {}", key, reported, static_cast<double>(value)); });
   }
   roundings_.errors[name] = std::max(roundings_.errors[name], 2 * rounding);
 }
@@ -231,11 +231,11 @@ void LevelsJudge::judge_told() {
     exactly("step_potential.max", std::max(-least, greatest));
     if (rules_.kappa > 0.0) {
       exactly("step_potential.p", rules_.exponent);
-      const double told = told_["step_potential.kappa"];
-      findings_.within("told step_potential", std::abs(told - rules_.kappa), 1e-15 * rules_.kappa,  // (κ h_0) / h_0
-                       [&] { return fmt::format("kappa is {} in place of {}", told, rules_.kappa); });
+      const double reported = reported_["step_potential.kappa"];
+      findings_.within("told step_potential", std::abs(reported - rules_.kappa), 1e-15 * rules_.kappa,  // (κ h_0) / h_0
+                       [&] { return fmt::format("kappa is {} in place of {}", reported, rules_.kappa); });
     }
-  } else if (told_.has("step_potential.max")) {
+  } else if (reported_.has("step_potential.max")) {
     findings_.add("told step_potential", "there is none");
   }
   const std::vector<double>& node_energies = record_["/levels/node_energy"];
@@ -251,7 +251,7 @@ void LevelsJudge::judge_told() {
     exactly("node_energy.undefined", undefined);
   }
   const std::vector<double>& gammas = record_["/levels/gamma"];
-  if (told_.has("gamma.min")) {
+  if (reported_.has("gamma.min")) {
     std::vector<double> defined;
     std::ranges::copy_if(gammas, std::back_inserter(defined), [](double gamma) { return std::isfinite(gamma); });
     exactly("gamma.min", *std::ranges::min_element(defined));
@@ -260,10 +260,10 @@ void LevelsJudge::judge_told() {
       exactly("gamma.undefined", static_cast<double>(gammas.size() - defined.size()));
     }
   }
-  if (!told_.has("discrete_energy.value")) {
+  if (!reported_.has("discrete_energy.value")) {
     return;
   }
-  const double target = told_["discrete_energy.value"];
+  const double target = reported_["discrete_energy.value"];
   long double off[2] = {0.0L, 0.0L};
   for (std::size_t k = 0; k < h_.size(); ++k) {
     long double& largest = off[off_law_[k] != 0.0 ? 1 : 0];
@@ -274,23 +274,24 @@ void LevelsJudge::judge_told() {
 }
 
 void LevelsJudge::exactly(const std::string& key, double value) {
-  if (!told_.has(key) || told_[key] != value) {
-    findings_.add("told " + key, fmt::format("{} in place of {}", told_.has(key) ? told_[key] : std::nan(""), value));
+  if (!reported_.has(key) || reported_[key] != value) {
+    findings_.add("told " + key,
+                  fmt::format("{} in place of {}", reported_.has(key) ? reported_[key] : std::nan(""), value));
   }
 }
 
 /// Relative to a scale between the largest |H| and the largest sum of its terms' magnitudes.
 void LevelsJudge::deviation_told(const std::string& key, long double off) {
-  if (!told_.has(key)) {
+  if (!reported_.has(key)) {
     return;
   }
-  long double smallest = std::abs(static_cast<long double>(told_["discrete_energy.value"]));
+  long double smallest = std::abs(static_cast<long double>(reported_["discrete_energy.value"]));
   for (const double energy : record_["/levels/node_energy"]) {
     smallest = !std::isfinite(energy) ? smallest : std::max(smallest, std::abs(static_cast<long double>(energy)));
   }
   const long double most = smallest > 0 ? off / smallest : 1.0L;
   const long double least = roundings_.scale > 0 ? off / roundings_.scale : 0.0L;
-  const double value = told_[key];
+  const double value = reported_[key];
   const auto [low, high] = std::minmax(least, most);
   if (!(value <= high * (1 + 1e-6L) + 4 * unit_roundoff) || !(value >= low / 4 - 4 * unit_roundoff)) {
     findings_.add("told " + key, fmt::format("{:.3g} where it lies between {:.3g} and {:.3g}", value,

@@ -11,7 +11,7 @@
 
 namespace audit {
 
-void audit_orbit(const std::string& program, std::uint64_t number, Findings& findings) {
+void audit_orbit(const std::string& program, std::uint64_t number, Disagreements& findings) {
   const OrbitProblem problem = random_orbit(number);
   const Case which = {
       .problem = problem.toml(),
@@ -25,8 +25,8 @@ void audit_orbit(const std::string& program, std::uint64_t number, Findings& fin
             shifted.L = shifted.L - constant;  // the energy of an L(q, q̇), too, is then more
             return shifted.toml();
           },
-      .judge = [&](const Stored& record, const Json& told,
-                   Findings& found) { return judge_orbit(problem, record, told, found); },
+      .judge = [&](const Stored& record, const Json& reported,
+                   Disagreements& found) { return judge_orbit(problem, record, reported, found); },
   };
   audit_case(program, which, findings);
 }
@@ -55,9 +55,9 @@ std::pair<Stored, Json> run_of(const std::string& program, const OrbitProblem& p
 }
 
 /// How many of the twins are taken for good, and of the findings where there is nothing to find.
-int missed_of(const OrbitProblem& problem, const Stored& record, const Json& told, std::span<const Twin> twins) {
-  Findings none;
-  judge_orbit(problem, record, told, none);
+int missed_of(const OrbitProblem& problem, const Stored& record, const Json& reported, std::span<const Twin> twins) {
+  Disagreements none;
+  judge_orbit(problem, record, reported, none);
   int missed = 0;
   for (const auto& [kind, text] : none.list) {
     fmt::print("FAILED: the undamaged record: {}: {}\n", kind, text);
@@ -65,9 +65,9 @@ int missed_of(const OrbitProblem& problem, const Stored& record, const Json& tol
   }
   for (const Twin& twin : twins) {
     Stored damaged = record;
-    Json damaged_account = told;
+    Json damaged_account = reported;
     twin.damage(damaged, damaged_account);
-    Findings found;
+    Disagreements found;
     judge_orbit(problem, damaged, damaged_account, found);
     if (!found.has(twin.kind)) {
       fmt::print("FAILED: a record with a wrong \"{}\" was taken for good\n", twin.kind);
@@ -92,7 +92,7 @@ int orbit_twins(const std::string& program) {
   problem.until = 12;
   problem.max_steps = 1000;
   problem.potential = {.kind = PotentialRule::Kind::none};
-  const auto [record, told] = run_of(program, problem);
+  const auto [record, reported] = run_of(program, problem);
   const auto plain =
       static_cast<std::size_t>(std::ranges::find(record["/levels/off_law"], 1.0) - record["/levels/off_law"].begin());
   // Each by a few units of what rounding may be at that place.
@@ -115,7 +115,7 @@ int orbit_twins(const std::string& program) {
       {"told gamma.min", [](Stored&, Json& j) { j.numbers["gamma.min"] += 1e-12; }},
       {"told node_energy.max_deviation", [](Stored&, Json& j) { j.numbers["node_energy.max_deviation"] = 0; }},
   };
-  const int missed = missed_of(problem, record, told, twins);
+  const int missed = missed_of(problem, record, reported, twins);
 
   // Gauss collocation, where the stages have to be found again.
   problem.lagrangian = OrbitProblem::Lagrangian::gauss;

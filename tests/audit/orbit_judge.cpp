@@ -16,8 +16,8 @@ constexpr double most_cost = 2e8;
 
 class OrbitJudge {
 public:
-  OrbitJudge(const OrbitProblem& problem, const Stored& record, const Json& told, Findings& findings)
-      : problem_(problem), record_(record), oracle_(problem), levels_(problem.rules(), record, told, findings) {}
+  OrbitJudge(const OrbitProblem& problem, const Stored& record, const Json& reported, Disagreements& findings)
+      : problem_(problem), record_(record), oracle_(problem), levels_(problem.rules(), record, reported, findings) {}
 
   Roundings judge() {
     if (levels_.judge_levels()) {
@@ -155,7 +155,7 @@ private:
   void judge_strength(const OrbitStep& step, const std::vector<double>& z_0, const std::vector<double>& z_1) {
     const Bounded mean = Bounded(0.5L) * (oracle_.node_energy(z_0) + oracle_.node_energy(z_1));
     const Bounded leading = step.energy - mean;
-    // A scout solves its steps to 1e-5.
+    // A look-ahead solves its steps to 1e-5.
     constexpr long double solved_to = 1e-3L;
     const long double terms = std::max(oracle_.scale(z_0), oracle_.scale(z_1)) / (problem_.every > 1 ? 1.0L : 0.03L);
     if (problem_.is_family()) {
@@ -179,8 +179,9 @@ private:
 
 }  // namespace
 
-Roundings judge_orbit(const OrbitProblem& problem, const Stored& record, const Json& told, Findings& findings) {
-  return OrbitJudge(problem, record, told, findings).judge();
+Roundings judge_orbit(const OrbitProblem& problem, const Stored& record, const Json& reported,
+                      Disagreements& findings) {
+  return OrbitJudge(problem, record, reported, findings).judge();
 }
 
 }  // namespace audit

@@ -8,7 +8,8 @@
 
 namespace audit {
 
-/// Judges a record by the equations, and by them what the run told of it. Returns how much of the figures is rounding.
-Roundings judge_orbit(const OrbitProblem& problem, const Stored& record, const Json& told, Findings& findings);
+/// Judges a record by the equations, and by them what the run reported on it. Returns how much of the figures is
+/// rounding.
+Roundings judge_orbit(const OrbitProblem& problem, const Stored& record, const Json& reported, Disagreements& findings);
 
 }  // namespace audit

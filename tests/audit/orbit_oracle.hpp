@@ -13,7 +13,7 @@
 namespace audit {
 
 /// The equations of an orbit's scheme, evaluated in extended precision from the expressions that the problem was made
-/// of, with a bound of what rounding makes of each in double. Generating functions come from the recursion (4.10) of
+/// of, with a bound of the rounding error of each in double. Generating functions come from the recursion (4.10) of
 /// Hamilton and Jacobi, in power series of the state and the time: not the way the library has them. The stages of
 /// Gauss collocation are found again from z_k and h, by Newton's method in extended precision.
 class OrbitOracle {

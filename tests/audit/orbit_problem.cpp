@@ -236,7 +236,7 @@ private:
     }
   }
 
-  /// Energies and steps that tell nothing: oscillators, free particles.
+  /// Energies and steps that show nothing: oscillators, free particles.
   void degenerate() {
     declare(1 + random_.below(2));
     problem_.H = kinetic();

@@ -1,5 +1,5 @@
-// What is told of a run is true: laws without a value, energies of steps before the law, records that were altered; and
-// it is the same whoever tells it.
+// What is reported on a run is true: laws without a value, energies of steps before the law, records that were altered;
+// and it is the same the caller that shows it.
 
 #include <catch2/catch.hpp>
 
@@ -69,7 +69,7 @@ void alter(const std::string& file, const std::string& path, std::size_t index,
   H5Fclose(id);
 }
 
-/// The part of a JSON object from "steps" on that tells figures, which ends with what only one of them knows.
+/// The part of a JSON object from "steps" on that shows figures, which ends with what only one of them knows.
 std::string figures_in(const std::string& json) {
   const std::size_t begin = json.find("\"steps\"");
   std::size_t end = json.size();
@@ -79,7 +79,7 @@ std::string figures_in(const std::string& json) {
   return json.substr(begin, end - begin);
 }
 
-/// check tells the residual of the step equation in addition.
+/// check shows the residual of the step equation in addition.
 std::string without_step_equation(Outcome outcome) {
   std::erase_if(outcome.statistics.residuals, [](const auto& residual) { return residual.name == "step_equation"; });
   return figures_in(to_json(outcome));
@@ -155,11 +155,11 @@ TEST_CASE("a law that has no value in some cells says in how many", "[defects]")
   REQUIRE(undefined > 0.0);
   const std::string json = fmt::format("\"undefined\": {:.0f}", undefined);
   const std::string words = fmt::format("no value in {:.0f} of {} cells", undefined, 33 * ran.statistics.steps);
-  for (const std::string& told : {to_json(ran), to_json(checked), report::to_json(comparison)}) {
-    CHECK_THAT(told, Contains(json) && !Contains("nan"));
+  for (const std::string& reported : {to_json(ran), to_json(checked), report::to_json(comparison)}) {
+    CHECK_THAT(reported, Contains(json) && !Contains("nan"));
   }
-  for (const std::string& told : {to_table(ran), to_table(checked), report::to_table(comparison)}) {
-    CHECK_THAT(told, Contains(words) && !Contains("nan"));
+  for (const std::string& reported : {to_table(ran), to_table(checked), report::to_table(comparison)}) {
+    CHECK_THAT(reported, Contains(words) && !Contains("nan"));
   }
   CHECK_THAT(ran.warnings.front(), Contains("momentum has no value in"));
   // The twin: far from the edge of the domain every cell has a value.
@@ -191,18 +191,18 @@ TEST_CASE("plain steps before the law are measured by its E", "[defects]") {
   const record::Reader reader(file);
   const std::vector<double> energy = reader.read("/levels/energy"), target = reader.read("/levels/target"),
                             off_law = reader.read("/levels/off_law");
-  const figures::Statistics& told = check(file).statistics;
+  const figures::Statistics& reported = check(file).statistics;
   if (const auto first = std::ranges::find(off_law, 0.0); first != off_law.end()) {
     const double E = energy[static_cast<std::size_t>(first - off_law.begin())];
-    CHECK(told.energy() == E);
+    CHECK(reported.energy() == E);
     double worst = 0.0;
     for (std::size_t k = 0; k < energy.size(); ++k) {
       worst = off_law[k] != 0.0 ? std::max(worst, std::abs(energy[k] - E)) : worst;
     }
-    CHECK(told.off_law_deviation() == worst);
+    CHECK(reported.off_law_deviation() == worst);
     CHECK(std::isnan(target.front()) == (off_law.front() != 0.0));
   } else {
-    CHECK_THAT(lines_without(told), Contains("no step met the energy law"));
+    CHECK_THAT(lines_without(reported), Contains("no step met the energy law"));
   }
 }
 
@@ -264,9 +264,9 @@ TEST_CASE("run, check, compare and report tell the same figures of a record", "[
       CHECK(found_wrong(checked).empty());
       const record::Reader reader(file);
       const report::Comparison comparison = report::compare(reader, reader);
-      const std::string told = figures_in(to_json(ran));
-      CHECK(members(without_step_equation(checked)) == members(told));
-      CHECK(members(figures_in(report::to_json(comparison))) == members(told));
+      const std::string reported = figures_in(to_json(ran));
+      CHECK(members(without_step_equation(checked)) == members(reported));
+      CHECK(members(figures_in(report::to_json(comparison))) == members(reported));
       // The table of a page is made of these lines.
       CHECK(lines_without(comparison.statistics[0]) == lines_without(ran.statistics));
       CHECK_THAT(to_table(ran), Contains(figures::lines_of(comparison.statistics[0])[2].value));
@@ -440,7 +440,7 @@ void check_altered_numbers(int part, int least) {
             const double changed = kind == 0   ? (value == 0.0 ? 1e-4 : value * (1.0 + 1e-4))
                                    : kind == 1 ? value + 1.0
                                                : none;
-            // What is left of a law that holds is rounding, of states of size 1; part of that cannot be told apart.
+            // What is left of a law that holds is rounding, of states of size 1; part of that cannot be distinguished.
             same = std::abs(changed - value) < 1e-13 || (std::isnan(changed) && std::isnan(value));
             return changed;
           });

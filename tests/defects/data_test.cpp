@@ -17,22 +17,22 @@ using Catch::Contains;
 
 namespace {
 
-struct Told {
+struct Reported {
   Outcome outcome;
   std::vector<std::string> at_start;
 };
 
-Told run_defect(const std::string& name, std::vector<std::string> settings) {
+Reported run_defect(const std::string& name, std::vector<std::string> settings) {
   const auto record = std::filesystem::temp_directory_path() / ("rubato-defect-" + name + ".h5");
-  Told told;
+  Reported reported;
   const Problem problem = read_problem(defect_file(name + ".toml"), settings);
-  told.outcome =
+  reported.outcome =
       run(problem,
           {.output = record.string(), .overwrite = true, .threads = 1, .caution = [&](const std::string& sentence) {
-             told.at_start.push_back(sentence);
+             reported.at_start.push_back(sentence);
            }});
   std::filesystem::remove(record);
-  return told;
+  return reported;
 }
 
 }  // namespace
@@ -45,25 +45,25 @@ TEST_CASE("w = 3x against w = u_x is refused at its place, a jump at the seam or
   CHECK_THROWS_AS(run_defect("wrong-w", {"scheme.lagrangian=fourier"}), ProblemError);
   CHECK_THROWS_AS(run_defect("wrong-w", {"initial.w=0.003*x"}), ProblemError);
   // The twin: what is right is taken.
-  const Told right = run_defect("wrong-w", {"initial.w=-2*x*exp(-x^2)"});
+  const Reported right = run_defect("wrong-w", {"initial.w=-2*x*exp(-x^2)"});
   CHECK(right.outcome.status == ExitStatus::done);
   CHECK(right.outcome.warnings.empty());
 }
 
 TEST_CASE("data that are not periodic are told with the size of their jump, at the start and once") {
-  const Told told = run_defect("not-periodic", {});
-  CHECK(told.outcome.status == ExitStatus::lost);
-  REQUIRE(told.at_start.size() == 1);
-  CHECK_THAT(told.at_start.front(), Contains("the initial u is not periodic in x") &&
-                                        Contains("x = 1 is x = 0 again") && Contains("it jumps by -1 "));
-  CHECK(std::ranges::count(told.outcome.warnings, told.at_start.front()) == 1);
+  const Reported reported = run_defect("not-periodic", {});
+  CHECK(reported.outcome.status == ExitStatus::lost);
+  REQUIRE(reported.at_start.size() == 1);
+  CHECK_THAT(reported.at_start.front(), Contains("the initial u is not periodic in x") &&
+                                            Contains("x = 1 is x = 0 again") && Contains("it jumps by -1 "));
+  CHECK(std::ranges::count(reported.outcome.warnings, reported.at_start.front()) == 1);
   CHECK(run_defect("not-periodic", {"initial.u=sin(2*pi*x)"}).at_start.empty());
 }
 
 TEST_CASE("an equation whose short waves grow without bound is called ill-posed at the start") {
-  const Told told = run_defect("ill-posed", {"scheme.until=0.1", "grid.x.cells=129"});
-  REQUIRE(told.at_start.size() == 1);
-  CHECK_THAT(told.at_start.front(), Contains("this equation is ill-posed") && Contains("grow as exp("));
+  const Reported reported = run_defect("ill-posed", {"scheme.until=0.1", "grid.x.cells=129"});
+  REQUIRE(reported.at_start.size() == 1);
+  CHECK_THAT(reported.at_start.front(), Contains("this equation is ill-posed") && Contains("grow as exp("));
   CHECK(run_defect("ill-posed",
                    {"scheme.until=0.1", "grid.x.cells=129", "multisymplectic.S=(v^2 - w^2)/2 + (u^2 - 1)^2/4"})
             .at_start.empty());

@@ -24,7 +24,7 @@ using rubato::defect_tests::defect_file;
 using rubato::tests::Folder;
 
 namespace {
-struct Told {
+struct Reported {
   Outcome outcome;
   ExitStatus checked;
   std::vector<double> t, energy, node_energy, gamma, off_law;
@@ -45,21 +45,21 @@ struct Told {
   }
 };
 
-Told run_of(const Problem& problem) {
+Reported run_of(const Problem& problem) {
   const Folder folder;
-  Told told;
-  told.outcome = run(problem, {.output = (folder / "record.h5"), .threads = 1});
-  told.checked = check((folder / "record.h5")).status;
+  Reported reported;
+  reported.outcome = run(problem, {.output = (folder / "record.h5"), .threads = 1});
+  reported.checked = check((folder / "record.h5")).status;
   const record::Reader reader((folder / "record.h5"));
-  told.t = reader.read("/levels/t");
-  told.energy = reader.read("/levels/energy");
-  told.node_energy = reader.read("/levels/node_energy");
-  told.gamma = reader.read("/levels/gamma");
-  told.off_law = reader.read("/levels/off_law");
-  return told;
+  reported.t = reader.read("/levels/t");
+  reported.energy = reader.read("/levels/energy");
+  reported.node_energy = reader.read("/levels/node_energy");
+  reported.gamma = reader.read("/levels/gamma");
+  reported.off_law = reader.read("/levels/off_law");
+  return reported;
 }
 
-Told run_of(const std::string& name, const std::vector<std::string>& settings = {}) {
+Reported run_of(const std::string& name, const std::vector<std::string>& settings = {}) {
   return run_of(read_problem(defect_file(name + ".toml"), settings));
 }
 
@@ -79,19 +79,19 @@ TEST_CASE("an orbit takes the same steps in all units of length, mass and time")
 }
 
 TEST_CASE("a first step is found where H is 0 along the orbit") {
-  const Told vortices = run_of("p32-auto-where-H-is-zero");
+  const Reported vortices = run_of("p32-auto-where-H-is-zero");
   CHECK(vortices.is_quiet());
   CHECK(vortices.flagged() == 0);
   // Half to twice 0.02: the scale of H is known by what rounding says of its terms alone.
   CHECK(vortices.t[1] > 0.01);
   CHECK(vortices.t[1] < 0.04);
   // A constant that is added to H changes nothing.
-  const Told raised = run_of("p32-auto-where-H-is-zero", {"hamiltonian.H=-log((x1-x2)^2+(y1-y2)^2)/(4*pi) + 3"});
+  const Reported raised = run_of("p32-auto-where-H-is-zero", {"hamiltonian.H=-log((x1-x2)^2+(y1-y2)^2)/(4*pi) + 3"});
   CHECK(raised.t == vortices.t);
 }
 
 TEST_CASE("a first step is found where a motion begins from rest") {
-  const Told driven = run_of("p32-auto-from-rest");
+  const Reported driven = run_of("p32-auto-from-rest");
   CHECK(driven.outcome.status == ExitStatus::done);
   CHECK(driven.flagged() == 0);
   CHECK(driven.t[1] > 1e-4);
@@ -115,23 +115,23 @@ TEST_CASE("where the energy does not depend on the step the run is quiet, and th
                                    {"p08-false-warning-free-fall", 9.81, {"scheme.until=100"}},
                                    {"p08-false-warning-zero-energy", 0.0}};
   for (const Case& one : cases) {
-    const Told told = run_of(one.name, one.settings);
+    const Reported reported = run_of(one.name, one.settings);
     INFO(one.name << ", " << fmt::format("{}", fmt::join(one.settings, ", ")) << ": "
-                  << fmt::format("{}", fmt::join(told.outcome.warnings, "; ")));
-    CHECK(told.is_quiet());
-    CHECK(told.checked == ExitStatus::done);
-    CHECK(told.flagged() == 0);
-    CHECK(told.outcome.statistics.potential.largest() == 0.0);
-    const double h = told.t[1] - told.t[0];
-    for (std::size_t k = 0; k < told.energy.size(); ++k) {
-      REQUIRE(told.energy[k] ==
-              Approx(one.energy).epsilon(1e-13).margin(2.0 * told.outcome.statistics.rounding.largest()));
-      REQUIRE(told.t[k + 1] - told.t[k] == Approx(h).epsilon(1e-12));
+                  << fmt::format("{}", fmt::join(reported.outcome.warnings, "; ")));
+    CHECK(reported.is_quiet());
+    CHECK(reported.checked == ExitStatus::done);
+    CHECK(reported.flagged() == 0);
+    CHECK(reported.outcome.statistics.potential.largest() == 0.0);
+    const double h = reported.t[1] - reported.t[0];
+    for (std::size_t k = 0; k < reported.energy.size(); ++k) {
+      REQUIRE(reported.energy[k] ==
+              Approx(one.energy).epsilon(1e-13).margin(2.0 * reported.outcome.statistics.rounding.largest()));
+      REQUIRE(reported.t[k + 1] - reported.t[k] == Approx(h).epsilon(1e-12));
     }
   }
-  // The twin: where a force sets in that is no polynomial, steps that are off the law are flagged, and told of.
-  const Told late = run_of("user-equilibrium", {"hamiltonian.H=v^2/2 + exp(4*(x-900))", "initial.v=1",
-                                                "scheme.until=905", "scheme.lagrangian=gauss", "scheme.stages=2"});
+  // The twin: where a force sets in that is no polynomial, steps that are off the law are flagged, and reported on.
+  const Reported late = run_of("user-equilibrium", {"hamiltonian.H=v^2/2 + exp(4*(x-900))", "initial.v=1",
+                                                    "scheme.until=905", "scheme.lagrangian=gauss", "scheme.stages=2"});
   CHECK(late.flagged() > 0);
   CHECK(late.flagged() < late.energy.size() / 2);
   CHECK(late.outcome.warnings.size() == 1);
@@ -147,48 +147,48 @@ TEST_CASE("energy_tolerance is kept by orbits and lattices, with fixed and varia
                                    {"auto-tolerance-orbit", 1e-4},
                                    {"auto-tolerance-orbit", 1e-4, {"scheme.stages=2"}}};
   for (const Case& one : cases) {
-    const Told told = run_of(one.name, one.settings);
+    const Reported reported = run_of(one.name, one.settings);
     INFO(one.name << ", " << fmt::format("{}", fmt::join(one.settings, ", ")));
-    CHECK(told.outcome.status == ExitStatus::done);
-    CHECK(told.strayed() <= one.tolerance);
-    CHECK(told.strayed() > 0.5 * one.tolerance);
+    CHECK(reported.outcome.status == ExitStatus::done);
+    CHECK(reported.strayed() <= one.tolerance);
+    CHECK(reported.strayed() > 0.5 * one.tolerance);
     // The twin: twice the step does not.
     Problem problem = read_problem(defect_file(std::string(one.name) + ".toml"), one.settings);
-    problem.scheme.step = 2.0 * (told.t[1] - told.t[0]);
+    problem.scheme.step = 2.0 * (reported.t[1] - reported.t[0]);
     problem.scheme.energy_tolerance.reset();
     CHECK(run_of(problem).strayed() > one.tolerance);
   }
 }
 
 TEST_CASE("a step that is not flagged meets the law, however coarse it is") {
-  const Told told = run_of("law-off-coarse");
-  REQUIRE(told.outcome.status == ExitStatus::lost);  // by how many steps are flagged
-  CHECK(told.checked == ExitStatus::done);
-  CHECK(told.flagged() > 0);
-  const double E = told.outcome.statistics.energy();
-  for (std::size_t k = 0; k < told.energy.size(); ++k) {
-    if (told.off_law[k] == 0.0) {
-      CHECK(std::abs(told.energy[k] - E) <= 1e-12);
+  const Reported reported = run_of("law-off-coarse");
+  REQUIRE(reported.outcome.status == ExitStatus::lost);  // by how many steps are flagged
+  CHECK(reported.checked == ExitStatus::done);
+  CHECK(reported.flagged() > 0);
+  const double E = reported.outcome.statistics.energy();
+  for (std::size_t k = 0; k < reported.energy.size(); ++k) {
+    if (reported.off_law[k] == 0.0) {
+      CHECK(std::abs(reported.energy[k] - E) <= 1e-12);
     }
   }
 }
 
 TEST_CASE("Gamma is f^T H_zz f, or not told") {
-  const Told golden = run_of("golden-gamma");
+  const Reported golden = run_of("golden-gamma");
   CHECK(golden.gamma.front() == Approx(1.9 * 1.9).epsilon(1e-14));  // f = (p, -sin q), H_zz = diag(cos q, 1)
   CHECK(golden.outcome.statistics.gamma.max == Approx(3.61).epsilon(1e-3));
   CHECK(golden.outcome.statistics.gamma.min > 0.0);
   CHECK(golden.checked == ExitStatus::done);
   CHECK(run_of("golden-gamma", {"scheme.lagrangian=midpoint"}).gamma.front() == Approx(3.61).epsilon(1e-14));
   for (const char* const order : {"scheme.order=2", "scheme.order=4"}) {
-    const Told told = run_of("golden-gamma", {"scheme.lagrangian=generating", order});
-    CHECK(told.checked == ExitStatus::done);
+    const Reported reported = run_of("golden-gamma", {"scheme.lagrangian=generating", order});
+    CHECK(reported.checked == ExitStatus::done);
     if (std::string(order) == "scheme.order=2") {
-      CHECK(told.gamma.front() == Approx(3.61).epsilon(1e-14));
+      CHECK(reported.gamma.front() == Approx(3.61).epsilon(1e-14));
     } else {
-      CHECK(std::ranges::all_of(told.gamma, [](double x) { return std::isnan(x); }));
-      CHECK(to_table(told.outcome).find("  Gamma ") == std::string::npos);
-      CHECK(to_json(told.outcome).find("\"gamma\"") == std::string::npos);
+      CHECK(std::ranges::all_of(reported.gamma, [](double x) { return std::isnan(x); }));
+      CHECK(to_table(reported.outcome).find("  Gamma ") == std::string::npos);
+      CHECK(to_json(reported.outcome).find("\"gamma\"") == std::string::npos);
     }
   }
 }

@@ -21,7 +21,7 @@ using rubato::defect_tests::defect_file;
 
 namespace {
 
-/// A run of a defective file, and what its record tells.
+/// A run of a defective file, and what its record shows.
 class Run {
 public:
   explicit Run(const std::string& name, const std::vector<std::string>& settings = {}) {
@@ -58,15 +58,15 @@ public:
     return result;
   }
 
-  /// What is told in sentences.
-  [[nodiscard]] std::string told() const {
+  /// What is reported in sentences.
+  [[nodiscard]] std::string reported() const {
     std::string text = outcome.message;
     for (const std::string& warning : outcome.warnings) {
       text += "\n" + warning;
     }
     return text;
   }
-  [[nodiscard]] bool tells(const std::string& part) const { return told().find(part) != std::string::npos; }
+  [[nodiscard]] bool tells(const std::string& part) const { return reported().find(part) != std::string::npos; }
 
   Outcome outcome;
   std::vector<double> t, h, energy, condition, gamma, off_law, q, p;
@@ -244,7 +244,8 @@ TEST_CASE("H has no preferred zero: at E = 0 the double pendulum steps as with H
 TEST_CASE("H has no preferred zero: the double pendulum at E = 0, order 8, to the end of its run", "[long]") {
   const Run run("double-pendulum-at-zero-energy", {"scheme.lagrangian=generating", "scheme.order=8"});
   CHECK(run.outcome.status == ExitStatus::done);
-  // Steps of 0.01 are so short for order 8 that E hardly depends on h: that is what is told, and nothing else is tried.
+  // Steps of 0.01 are so short for order 8 that E hardly depends on h: that is what is reported, and nothing else is
+  // tried.
   CHECK(run.h.size() < 11000);
 }
 

@@ -142,7 +142,7 @@ TEST_CASE("what the problem in a record claims is compared with its datasets bef
   REQUIRE(place != std::string::npos);
   problem.replace(place, 10, "cells = 2000000001");
   alter(file, [&](hid_t id) {
-    H5Adelete(id, "checksums");  // which would tell at once
+    H5Adelete(id, "checksums");  // which would show at once
     H5Adelete(id, "problem");
     const hid_t type = H5Tcopy(H5T_C_S1), space = H5Screate(H5S_SCALAR);
     H5Tset_size(type, H5T_VARIABLE);

@@ -100,9 +100,9 @@ TEST_CASE("a process made by fork() writes its codes into pages of its own") {
   REQUIRE(child >= 0);
   char signal = 0;
   if (child == 0) {
-    const bool told = read(pipe_ends[0], &signal, 1) == 1;  // there are codes of the other process in the meantime
+    const bool reported = read(pipe_ends[0], &signal, 1) == 1;  // there are codes of the other process in the meantime
     const std::vector<ExecutableMemory> mine = codes(200, 3, 0);
-    _exit(told && are_themselves(before, 100) && mine.size() == 3 && are_themselves(mine, 200) ? 0 : 1);
+    _exit(reported && are_themselves(before, 100) && mine.size() == 3 && are_themselves(mine, 200) ? 0 : 1);
   }
   const std::vector<ExecutableMemory> after = codes(300, 3, 0);
   CHECK(write(pipe_ends[1], &signal, 1) == 1);

@@ -1,4 +1,4 @@
-// Formulas as sums: the constants added to them, the size of their terms, and what rounding makes of them.
+// Formulas as sums: the constants added to them, the size of their terms, and their rounding errors.
 
 #include <catch2/catch.hpp>
 

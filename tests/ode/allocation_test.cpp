@@ -154,7 +154,7 @@ TEST_CASE("orbits side by side take their steps without allocations") {
     return allocations - before;
   };
   CHECK(allocations_until(10.0) == allocations_until(500.0));
-  // The twin: what is told of each orbit at its end is allocated.
+  // The twin: what is reported on each orbit at its end is allocated.
   CHECK(allocations_until(10.0) > 0);
 }
 

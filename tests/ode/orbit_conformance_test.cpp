@@ -51,7 +51,7 @@ std::vector<SegmentLagrangian> forms_of(std::string_view name) {
 struct Form {
   SegmentLagrangian scheme;
   bool by_L = false;
-  std::string told;
+  std::string reported;
 };
 
 std::vector<Form> all_forms() {
@@ -121,7 +121,7 @@ TEST_CASE("every scheme for orbits is in the registry under its own name, and in
 
 TEST_CASE("every scheme for orbits continues from a saved state bit by bit, whatever was tried in between") {
   for (const Form& form : all_forms()) {
-    INFO(form.told);
+    INFO(form.reported);
     const auto straight = make(form), resumed = make(form), other = make(form);
     const bool unstable = method_of(form.scheme).name == "forward";
     const int steps = unstable ? 1 : 3;
@@ -143,7 +143,7 @@ TEST_CASE("every scheme for orbits is unimpressed by trials that it does not acc
   // What is tried before decides where an iteration begins, and so the last digits: rounding of one step, which the
   // forward 𝕃 multiplies by 16/h².
   for (const Form& form : all_forms()) {
-    INFO(form.told);
+    INFO(form.reported);
     const auto plain = make(form), tried = make(form);
     static_cast<void>(tried->advance(0.15, 0.0));
     static_cast<void>(tried->advance(1e200, 0.0));
@@ -159,7 +159,7 @@ TEST_CASE("every scheme for orbits has the order that it says") {
     if (method_of(form.scheme).name == "forward") {
       continue;  // unstable: nothing is left after these steps
     }
-    INFO(form.told);
+    INFO(form.reported);
     const int order = make(form)->order();
     double coarse = 0.0, fine = 0.0;
     for (const int first : {4, 2}) {  // fewer steps where those err too little
@@ -191,7 +191,7 @@ TEST_CASE("every scheme for orbits has the order that it says") {
 
 TEST_CASE("every scheme for orbits tells the slope of its discrete energy, to leading order at least") {
   for (const Form& form : all_forms()) {
-    INFO(form.told);
+    INFO(form.reported);
     const double h = make(form)->order() > 4 ? 0.8 : 0.2, change = 1e-3 * h;
     const auto energy_at = [&](double length) {
       const auto scheme = make(form, h);
@@ -216,7 +216,7 @@ TEST_CASE("every scheme for orbits that states an action makes it stationary, an
     if (form.by_L || method_of(form.scheme).is_map()) {
       continue;  // a quadrature of L's action, or a family of maps that its K generates: families_test, lagrangian_test
     }
-    INFO(form.told);
+    INFO(form.reported);
     const auto action = make_action(pendulum, form.scheme);
     for (int attempt = 0; attempt < 5; ++attempt) {
       const double z_0[] = {value(random), value(random)};

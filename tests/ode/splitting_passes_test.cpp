@@ -134,17 +134,17 @@ TEST_CASE("a step in passes is one part after the other, bit for bit") {
 }
 
 TEST_CASE("passes take up what is changed between steps if they are told") {
-  for (const bool told : {true, false}) {
+  for (const bool reported : {true, false}) {
     for (const char* const name : {"verlet", "kahan-li-6"}) {
-      INFO(name << " " << told);
+      INFO(name << " " << reported);
       Beside both(composition(name));
       REQUIRE(both.step(0.1));
       both.numbers[n + 3] += 0.01;
       both.levels[both.here][n + 3] = both.numbers[n + 3];
-      if (told) {
+      if (reported) {
         both.passes.forget();
       }
-      CHECK(both.step(0.1) == told);
+      CHECK(both.step(0.1) == reported);
     }
   }
 }

@@ -154,7 +154,7 @@ TEST_CASE("velocities are told of sums of momenta where T is a quadratic form, a
     if (!slopes.has_linear_velocities()) {
       return false;
     }
-    // Told apart: each velocity is that of the stage where its momenta are those.
+    // Reported apart: each velocity is that of the stage where its momenta are those.
     slopes.momenta() = Z.bottomRows(2);
     slopes.evaluate_linear_velocities();
     slopes.evaluate_velocities();

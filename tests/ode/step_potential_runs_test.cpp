@@ -195,8 +195,8 @@ TEST_CASE("the extended two-form is preserved over ten thousand steps, through t
     CHECK(bound <= 1e-7 * largest * largest);  // so that the bound says something
     CHECK(excess_of_K > 100.0);
 
-    // Any f'' has a form that is preserved: that this is the run's own is told by runs from nearby, so near that their
-    // ends are about 1e-4 off, and the fifth derivative does not tell. h is known to some 1e-12, which over d is up to
+    // Any f'' has a form that is preserved: that this is the run's own is given by runs from nearby, so near that their
+    // ends are about 1e-4 off, and the fifth derivative does not show. h is known to some 1e-12, which over d is up to
     // 1e-4 of a rate and grows along the run; where order 4 leaves a slope of 1e-3, and tangents
     // that cancel to a few thousandths, that is too much after so many steps.
     if (by_differences) {

@@ -40,14 +40,14 @@ IntegrationOptions options_of(const Case& run, StepPotentialChoice potential) {
   return {.lagrangian = run.lagrangian, .step = run.system.step, .until = run.until, .potential = potential};
 }
 
-/// A scout of equal steps.
-Scouting equally_scouted(double step, std::vector<double> eta, double energy_size) {
-  Scouting scouting{.order = 2, .step = step, .eta = std::move(eta), .energy_size = energy_size};
-  for (std::size_t k = 0; k < scouting.eta.size(); ++k) {
-    scouting.time.push_back((static_cast<double>(k) + 0.5) * step);
+/// A look-ahead of equal steps.
+LookAhead look_of_equal_steps(double step, std::vector<double> eta, double energy_size) {
+  LookAhead look{.order = 2, .step = step, .eta = std::move(eta), .energy_size = energy_size};
+  for (std::size_t k = 0; k < look.eta.size(); ++k) {
+    look.time.push_back((static_cast<double>(k) + 0.5) * step);
   }
-  scouting.duration = static_cast<double>(scouting.eta.size()) * step;
-  return scouting;
+  look.duration = static_cast<double>(look.eta.size()) * step;
+  return look;
 }
 
 std::size_t flagged(const Orbit& orbit) {
@@ -182,7 +182,7 @@ TEST_CASE("levels are forecast to exist where η keeps its sign, and need a pote
     changing.push_back(std::sin(0.1 * k + 0.5));
   }
   const StepPotential hardly{.strength = 1e-12, .length = 1.0, .exponent = 3.0};
-  const Scouting calm = equally_scouted(0.1, definite, 1.0), wild = equally_scouted(0.1, changing, 1.0);
+  const LookAhead calm = look_of_equal_steps(0.1, definite, 1.0), wild = look_of_equal_steps(0.1, changing, 1.0);
   CHECK(LevelForecaster(calm)(hardly).complete);
   CHECK_FALSE(LevelForecaster(wild)(hardly).complete);
   const StepPotential chosen = choose_step_potential(wild, std::nullopt);
@@ -193,15 +193,15 @@ TEST_CASE("levels are forecast to exist where η keeps its sign, and need a pote
 }
 
 TEST_CASE("no potential is chosen beside which the terms of K are lost") {
-  // A motion that goes to infinity while it is scouted: η grows without bound, and no levels are forecast to last.
+  // A motion that goes to infinity during the look-ahead: η grows without bound, and no levels are forecast to last.
   std::vector<double> growing;
   for (int k = 0; k < 100; ++k) {
     growing.push_back(-std::exp(0.5 * k));
   }
   const auto largest_part = [&](double first_size) {
-    Scouting scouting = equally_scouted(0.01, growing, 1e9);
-    scouting.first_size = first_size;
-    const StepPotential chosen = choose_step_potential(scouting, std::nullopt);
+    LookAhead look = look_of_equal_steps(0.01, growing, 1e9);
+    look.first_size = first_size;
+    const StepPotential chosen = choose_step_potential(look, std::nullopt);
     return std::abs(chosen.energy(0.01));
   };
   CHECK(largest_part(0.4) <= 30.0 * 0.4 * (1.0 + 1e-12));
@@ -271,14 +271,14 @@ TEST_CASE("a potential that is chosen is felt beside what a loose tolerance leav
 TEST_CASE("what a potential costs in steps is told beside the steps of the law") {
   // Steps of the law are h_0 (1/η)^(1/3): equal ones, and 1/10 as many where η is 1/1000 for nearly all of the time.
   constexpr double h = 0.01;
-  const Scouting steady = equally_scouted(h, std::vector<double>(1000, 1.0), 1.0);
+  const LookAhead steady = look_of_equal_steps(h, std::vector<double>(1000, 1.0), 1.0);
   const StepPotential unfelt{.strength = 1e-20, .length = 1.0, .exponent = 4.0};
-  CHECK(price_in_steps(steady, unfelt) == Approx(1.0).epsilon(2e-3));
+  CHECK(cost_in_steps(steady, unfelt) == Approx(1.0).epsilon(2e-3));
   std::vector<double> eta(1000, 1e-3);
   for (std::size_t k = 0; k < 100; ++k) {
     eta[k] = std::max(1e-3, std::exp(-0.1 * static_cast<double>(k)));
   }
-  const Scouting peak = equally_scouted(h, eta, 1.0);
+  const LookAhead peak = look_of_equal_steps(h, eta, 1.0);
   double of_law = 0.0;
   for (const double value : eta) {
     of_law += std::cbrt(value);
@@ -288,6 +288,6 @@ TEST_CASE("what a potential costs in steps is told beside the steps of the law")
   const LevelForecast forecast = LevelForecaster(peak)(blunt);
   REQUIRE(forecast.complete);
   CHECK(forecast.longest < 1.1 * h);
-  CHECK(price_in_steps(peak, blunt) == Approx(forecast.steps / of_law).epsilon(0.02));
-  CHECK(price_in_steps(peak, blunt) > 5.0);
+  CHECK(cost_in_steps(peak, blunt) == Approx(forecast.steps / of_law).epsilon(0.02));
+  CHECK(cost_in_steps(peak, blunt) > 5.0);
 }

@@ -103,7 +103,7 @@ struct Level {
 
 enum class Kind { fixed, variable, automatic };
 
-/// The levels of a run in these units, told in the first ones.
+/// The levels of a run in these units, reported in the first ones.
 std::vector<Level> run(const Problem& problem, const SegmentLagrangian& scheme, Kind kind, const Units& units) {
   std::vector<std::string> q, p;
   std::vector<double> q_0, p_0;

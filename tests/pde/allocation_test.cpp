@@ -49,10 +49,10 @@ TEST_CASE("a step of a lattice allocates nothing") {
       const auto step = [&](double h) {
         const std::size_t before = allocations;
         const Status status = scheme->advance(h, 0.0);
-        const double told = scheme->discrete_energy() + scheme->discrete_energy_slope() + scheme->node().energy;
+        const double reported = scheme->discrete_energy() + scheme->discrete_energy_slope() + scheme->node().energy;
         scheme->accept();
         counted = allocations - before;
-        stepped = stepped && status == Status::success && std::isfinite(told);
+        stepped = stepped && status == Status::success && std::isfinite(reported);
       };
       for (const double h : {0.1, 0.11, 0.1, 0.12, 0.105}) {  // the first ones make their room
         step(h);

@@ -84,7 +84,7 @@ TEST_CASE("euler-box and leapfrog conserve the multisymplectic form of two tange
   const auto wrong_K =
       make_system({"u", "v", "w"}, {{"u", "v", -1}}, {{{"u", "w", 1.01}}}, "(v^2 - w^2)/2 + 1 - cos(u)");
   CHECK(worst_form(sine_gordon(), wrong_K, line, euler_box(0.05, 1)) > 1e-3);
-  // Of leapfrog the variations of momenta are those that its own tangents tell: another one is found out.
+  // Of leapfrog the variations of momenta are those that its own tangents show: another one is found out.
   const auto method = make_lattice_method({.name = "leapfrog"});
   const LatticeLevel level = initial_level(sine_gordon(), line, bumps(sine_gordon(), line), Collocation::corners);
   const auto step = method->tangents(sine_gordon(), line);

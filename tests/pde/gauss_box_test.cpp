@@ -10,7 +10,7 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/tangent.hpp>
@@ -77,7 +77,7 @@ TEST_CASE("the stages of Gauss collocation on cells solve the equation at every 
   for (const auto& [example, space_stages] : examples_and_stages()) {
     INFO(example.name << ", " << space_stages << " in space");
     const LatticeLevel first = first_level(example, Collocation::elements(space_stages));
-    GaussSlab slab(example.system, example.grid, 3, first, {.stages = space_stages});
+    GaussStep slab(example.system, example.grid, 3, first, {.stages = space_stages});
     REQUIRE(slab.take(first, first, 0.05) == Status::success);
     CellSweep sweep(example.system, example.grid, Collocation::elements(space_stages));
     grids::FieldSet z = first.fields, rate = z, residual = z;
@@ -159,7 +159,7 @@ TEST_CASE("levels of Gauss collocation on cells keep the discrete energy, with a
                                .stages = stages,
                                .space_stages = space_stages,
                                .step = 0.25,
-                               .until = 1000,  // a run worth a scout
+                               .until = 1000,  // a run worth a look-ahead
                                .potential = {.kind = StepPotentialChoice::Kind::automatic}});
     const auto [shortest, longest] = check_energy_is_kept(lattice, 20);
     // Levels that vary, else nothing is shown: from order 4 on they are nearly equal, and equal ones would leave E off

@@ -11,7 +11,7 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/cell_sweep.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/potential_rest.hpp>
 #include <rubato/pde/stage_loops.hpp>
@@ -97,7 +97,7 @@ TEST_CASE("the stages of Gauss collocation solve the equation at every node") {
   for (const Example& example : examples()) {
     INFO(example.name);
     const LatticeLevel first = first_level(example);
-    GaussSlab slab(example.system, example.grid, 3, first);
+    GaussStep slab(example.system, example.grid, 3, first);
     REQUIRE(slab.take(first, first, 0.05) == Status::success);
     CellSweep sweep(example.system, example.grid, Collocation::nodes);
     grids::FieldSet z = first.fields, rate = z, residual = z;
@@ -135,7 +135,7 @@ TEST_CASE("the slope of the midpoint rule's energy is found in waves as by a swe
   for (const Example& example : examples()) {
     INFO(example.name);
     const LatticeLevel first = first_level(example);
-    GaussSlab slab(example.system, example.grid, 1, first);
+    GaussStep slab(example.system, example.grid, 1, first);
     REQUIRE(slab.take(first, first, h) == Status::success);
     CellSweep sweep(example.system, example.grid, Collocation::nodes);
     grids::FieldSet z = first.fields, rate = z;
@@ -196,7 +196,7 @@ TEST_CASE("levels of Gauss collocation on lattices keep the discrete energy, wit
                               {.lagrangian = "fourier",
                                .stages = stages,
                                .step = 0.25,
-                               .until = 1000,  // a run worth a scout
+                               .until = 1000,  // a run worth a look-ahead
                                .potential = {.kind = StepPotentialChoice::Kind::automatic}});
     const auto [shortest, longest] = check_energy_is_kept(lattice, 20);
     // Levels that vary, else nothing is shown: equal ones would leave E off by p f' dh/h, 16e-4 · 1e-7 of it or more.
@@ -316,7 +316,7 @@ TEST_CASE("loops over stages do what their sums say, however many waves are left
 }
 
 TEST_CASE("rates of stages that are asked for are the same as among those of all fields") {
-  // Bit by bit; the twin: what is not asked for is not told.
+  // Bit by bit; the twin: what is not asked for is not reported.
   for (const Example& example : examples()) {
     INFO(example.name);
     const LatticeLevel first = first_level(example);

@@ -8,7 +8,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/grids/fourier.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/tangent.hpp>
 

@@ -120,7 +120,7 @@ TEST_CASE("solutions that nobody checks are as good as asked, and their error is
       const auto solver = make_gmres_cell_solver(example.grid, Collocation::cells, size, tolerance);
       solver->check_residuals(false);
       const double error = error_of(*solver, example, exact);
-      // What is told is an estimate in the fields that vary, within a factor of the condition.
+      // What is reported is an estimate in the fields that vary, within a factor of the condition.
       CHECK(solver->error() <= tolerance);
       CHECK(error <= 30.0 * solver->error() + 1e-13);
       coarse = std::max(coarse, error);

@@ -62,7 +62,7 @@ std::vector<Choice> all_choices() {
   return all;
 }
 
-std::string told(const Choice& choice) {
+std::string reported(const Choice& choice) {
   return choice.scheme.name + ", stages " + std::to_string(choice.scheme.stages) + ", " + choice.scheme.composition +
          ", " + choice.scheme.space + ", space stages " + std::to_string(choice.scheme.space_stages) +
          (choice.medium ? ", a medium that varies" : "");
@@ -110,7 +110,7 @@ TEST_CASE("every scheme for lattices is found by its name, and no other") {
 
 TEST_CASE("every scheme for lattices continues from a saved state bit by bit, whatever was tried in between") {
   for (const Choice& choice : all_choices()) {
-    INFO(told(choice));
+    INFO(reported(choice));
     const Subject subject(choice);
     const auto straight = subject.scheme(0.1);
     static_cast<void>(subject.after(*straight, 0.1, 3));
@@ -131,7 +131,7 @@ TEST_CASE("every scheme for lattices continues from a saved state bit by bit, wh
 TEST_CASE("every scheme for lattices is unimpressed by trials that it does not accept") {
   // What is tried before decides where an iteration begins, and so the last digits: rounding of one step.
   for (const Choice& choice : all_choices()) {
-    INFO(told(choice));
+    INFO(reported(choice));
     const Subject subject(choice);
     const auto plain = subject.scheme(0.1), tried = subject.scheme(0.1);
     static_cast<void>(tried->advance(0.4, 0.0));
@@ -148,7 +148,7 @@ TEST_CASE("every scheme for lattices has the order that it says") {
   // z_h - z_{h/2} at the same time on the same grid; the next term is smaller by less than h = 0.1 for odd ones, h² for
   // the others.
   for (const Choice& choice : all_choices()) {
-    INFO(told(choice));
+    INFO(reported(choice));
     const Subject subject(choice);
     const int order = subject.method->order();
     // Several stages in space make waves of κ up to 110 here, of what is nonlinear; steps have to resolve them.
@@ -177,7 +177,7 @@ TEST_CASE("every scheme for lattices tells the slope of its discrete energy, to 
     if (!subject.method->fixed_levels_only().empty()) {
       continue;
     }
-    INFO(told(choice));
+    INFO(reported(choice));
     const double h = subject.method->order() > 4 ? 0.4 : 0.2, change = 1e-3 * h;
     const auto energy_at = [&](double length) {
       const auto scheme = subject.scheme(h);
@@ -197,7 +197,7 @@ TEST_CASE("every scheme for lattices tells the slope of its discrete energy, to 
 
 TEST_CASE("every scheme for lattices finds its own steps to solve its equation, and others not") {
   for (const Choice& choice : all_choices()) {
-    INFO(told(choice));
+    INFO(reported(choice));
     const Subject subject(choice);
     const double h = 0.1;
     const auto scheme = subject.scheme(h);
@@ -225,7 +225,7 @@ TEST_CASE("every scheme for lattices that states an action has the energy of tha
       CHECK_FALSE(subject.method->has_variational_laws());
       continue;
     }
-    INFO(told(choice));
+    INFO(reported(choice));
     const double h = 0.1;
     const auto scheme = subject.scheme(h);
     const LatticeLevel before = scheme->level();
@@ -247,7 +247,7 @@ TEST_CASE("every scheme for lattices that states an action makes it stationary a
     if (!action) {
       continue;
     }
-    INFO(told(choice));
+    INFO(reported(choice));
     const double h = 0.1;
     const auto scheme = subject.scheme(h);
     std::vector<grids::FieldSet> levels = {scheme->level().fields};
@@ -279,7 +279,7 @@ TEST_CASE("every scheme for lattices that states an action makes it stationary a
 
 TEST_CASE("every scheme for lattices has local laws, small on its steps and large on others") {
   for (const Choice& choice : all_choices()) {
-    INFO(told(choice));
+    INFO(reported(choice));
     const Subject subject(choice);
     LocalLaws laws = make_local_laws(*subject.method, subject.system, line);
     REQUIRE(laws.names().front() == "energy");

@@ -106,9 +106,9 @@ TEST_CASE("every local law is told of cells and of their sizes alike, from two l
       CHECK(largest_difference(cells.all(), again.all()) == 0.0);
       for (std::size_t law = 0; law < laws.count(); ++law) {
         INFO(laws.names()[law]);
-        const Spread told = grids::magnitudes(std::as_const(cells).field(static_cast<int>(law)));
-        CHECK(sizes[law].largest() == told.largest());
-        CHECK(sizes[law].rms() == Approx(told.rms()).epsilon(1e-14));
+        const Spread reported = grids::magnitudes(std::as_const(cells).field(static_cast<int>(law)));
+        CHECK(sizes[law].largest() == reported.largest());
+        CHECK(sizes[law].rms() == Approx(reported.rms()).epsilon(1e-14));
         CHECK(sizes[law].count() == static_cast<double>(grid.size()));
         CHECK(largest_difference(cells.field(static_cast<int>(law)), other.field(static_cast<int>(law))) > 1e-6);
       }

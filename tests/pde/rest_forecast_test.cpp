@@ -9,7 +9,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/grids/grid.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/rest_forecast.hpp>
 
 #include "humps.hpp"
@@ -77,7 +77,7 @@ TEST_CASE("rests of waves that turn with one or two frequencies are foreseen") {
     INFO(stages << " stages");
     CHECK(error_after(3, turning(1), stages) < 1e-13);
     CHECK(error_after(4, turning(2), stages) < 1e-11);
-    // The twins: a step or a frequency more than it can tell, and the polynomial alone.
+    // The twins: a step or a frequency more than it can show, and the polynomial alone.
     CHECK(error_after(1, turning(1), stages) > 1e-2);
     CHECK(error_after(4, turning(3), stages) > 1e-4);
   }

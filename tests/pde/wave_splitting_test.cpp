@@ -156,7 +156,7 @@ TEST_CASE("levels of splittings on lattices keep the discrete energy, and their 
   const LatticeOptions options = {.lagrangian = "splitting", .composition = "blanes-moan-4", .step = 0.2, .until = 2};
   LatticeOptions variable = options;
   variable.potential.kind = StepPotentialChoice::Kind::automatic;
-  variable.until = 400;  // a run worth a scout
+  variable.until = 400;  // a run worth a look-ahead
   LatticeIntegrator run(system, fine, initial, variable);
   CHECK(check_energy_is_kept(run, 2).longest > 0.2 * (1.0 + 1e-5));  // with f' ten times what the energy is off by
   std::vector<double> worst;
@@ -210,11 +210,11 @@ TEST_CASE(
   CHECK(std::abs(seen.steps - 74) <= 1);
   CHECK(seen.trials <= 2.6 * seen.steps);
   CHECK(seen.longest < 1.005 * seen.shortest);
-  // The twin: a run worth a scout, as far as the same time, whose potential is as weak as what was seen allows.
+  // The twin: a run worth a look-ahead, as far as the same time, whose potential is as weak as what was seen allows.
   LatticeOptions long_run = short_run;
   long_run.until = 1000;
-  const Seen scouted = run(long_run);
-  CHECK(scouted.longest - scouted.shortest > 2.0 * (seen.longest - seen.shortest));
+  const Seen looked = run(long_run);
+  CHECK(looked.longest - looked.shortest > 2.0 * (seen.longest - seen.shortest));
 }
 
 TEST_CASE("what a splitting on a lattice cannot split is refused with the reason") {
@@ -244,25 +244,25 @@ TEST_CASE("a splitting goes on in waves, the same whether its levels are looked 
         return method->scheme(example.system, line, first_level(example.system, line, example.given), h);
       };
       const auto go = [&](LatticeScheme& scheme, int steps, bool look) {
-        std::vector<double> told;
+        std::vector<double> reported;
         for (int k = 0; k < steps; ++k) {
           REQUIRE(scheme.advance(h, 0.0) == Status::success);
-          told.push_back(scheme.discrete_energy());
+          reported.push_back(scheme.discrete_energy());
           if (look) {
             static_cast<void>(scheme.node());
           }
           scheme.accept();
-          CHECK_FALSE(scheme.level_is_told());
+          CHECK_FALSE(scheme.level_is_current());
           if (look) {
             static_cast<void>(scheme.level());
             static_cast<void>(scheme.node());
-            CHECK(scheme.level_is_told());
+            CHECK(scheme.level_is_current());
           }
         }
         const auto fields = scheme.level().fields.all();
-        told.insert(told.end(), fields.begin(), fields.end());
-        told.push_back(scheme.node().energy);
-        return told;
+        reported.insert(reported.end(), fields.begin(), fields.end());
+        reported.push_back(scheme.node().energy);
+        return reported;
       };
       const auto unseen = make(), seen = make();
       CHECK(go(*unseen, 4, false) == go(*seen, 4, true));
@@ -516,7 +516,7 @@ TEST_CASE("splittings of waves do not drift by the rounding of what turns them")
 }
 
 TEST_CASE("rates that are asked for are the same as among those of all fields") {
-  // Bit by bit, of one field after the other; the twin: what is not asked for is not told.
+  // Bit by bit, of one field after the other; the twin: what is not asked for is not reported.
   for (const Example& example : examples()) {
     INFO(example.name);
     const LatticeLevel first = first_level(example.system, line, example.given);
@@ -526,15 +526,15 @@ TEST_CASE("rates that are asked for are the same as among those of all fields") 
     for (const bool here : {true, false}) {
       splitting.stand(first);
       REQUIRE(splitting.step(composition("blanes-moan-4"), 0.05));
-      const auto tell = [&](grids::FieldSet& rates, const std::vector<bool>& asked) {
+      const auto write = [&](grids::FieldSet& rates, const std::vector<bool>& asked) {
         here ? splitting.rates_here(rates, asked) : splitting.rates(rates, asked);
       };
-      tell(all, {});
+      write(all, {});
       int moving = 0;
       for (int f = 0; f < d; ++f) {
         std::vector<bool> asked(static_cast<std::size_t>(d), false);
         asked[static_cast<std::size_t>(f)] = true;
-        tell(some, asked);
+        write(some, asked);
         CHECK(std::ranges::equal(std::as_const(some).field(f), std::as_const(all).field(f)));
         const auto is_zero = [](double value) { return value == 0.0; };
         for (int other = 0; other < d; ++other) {

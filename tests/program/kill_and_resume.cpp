@@ -133,7 +133,7 @@ void kill_and_resume(const std::string& program, const sample::Folder& parent, b
              lattice ? "lattice" : "orbit", every, kills, grown, levels,
              difference.empty() ? "records identical" : difference);
 
-  // The twin: a run whose step differs in the last digit is told apart.
+  // The twin: a run whose step differs in the last digit is distinguished.
   const std::string other = (folder / "other.h5").string();
   expect(wait_for(start(program, {"run", problem, "-o", other, "--force", "--set", "scheme.until=" + until, "--set",
                                   "scheme.step=0.10000000000000002", "--quiet"})) == 0,
@@ -168,7 +168,7 @@ void kill_and_resume_ensemble(const std::string& program, const sample::Folder& 
              side_by_side ? " side by side" : "", kills, grown, members,
              difference.empty() ? "records identical" : difference);
 
-  // The twin: an ensemble of another seed is told apart.
+  // The twin: an ensemble of another seed is distinguished.
   const std::string other = (folder / "other.h5").string();
   expect(wait_for(start(program, {"run", problem, "-o", other, "--set", "ensemble.random.seed=2", "--set",
                                   "scheme.until=10", "--quiet"})) == 0,

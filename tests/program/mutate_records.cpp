@@ -297,7 +297,7 @@ std::function<void(const fs::path&, const Original&)> in_file(void (*change)(hid
 bool same(const fs::path& a, const fs::path& b) {
   try {
     using rubato::record::Altered, rubato::record::Reader;
-    const Reader first(a), second(b, Altered::told);
+    const Reader first(a), second(b, Altered::reported);
     return first.header().title == second.header().title && first.header().problem == second.header().problem &&
            first.header().finished == second.header().finished && sample::difference(a, b).empty();
   } catch (const std::exception&) {

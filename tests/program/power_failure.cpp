@@ -230,7 +230,7 @@ private:
 };
 
 /// What was found after power failures.
-struct Findings {
+struct Disagreements {
   int versions = 0;    ///< under the name of a record a version, as new as it has to be
   int none_yet = 0;    ///< nothing, when no version had been waited for
   int older = 0;       ///< an older version, or nothing where there was one
@@ -272,7 +272,7 @@ public:
     }
   }
 
-  Findings findings(const std::string& options, bool durable) {
+  Disagreements findings(const std::string& options, bool durable) {
     Disk disk(folder_ / "fuse");
     disk.insert({formatted_.begin(), formatted_.end()});
     std::vector<Witness> witnesses;
@@ -280,7 +280,7 @@ public:
       witnesses.emplace_back(subject, mounted_, disk);
     }
     const History history = written(disk, options, witnesses, durable);
-    Findings findings;
+    Disagreements findings;
     std::uniform_int_distribution<std::size_t> moment(0, history.requests.size());
     for (int image = 0; image < images_; ++image) {
       const std::size_t requests = moment(random_);
@@ -316,7 +316,7 @@ private:
   }
 
   void look_at(const Disk& disk, const std::string& options, std::size_t requests,
-               const std::vector<Witness>& witnesses, Findings& findings) {
+               const std::vector<Witness>& witnesses, Disagreements& findings) {
     {
       const Mounted mount(disk, mounted_, options);
       findings.others_damaged += others_are_whole(mounted_, folder_ / "original") ? 0 : 1;
@@ -351,10 +351,10 @@ int all(const std::string& program, int images) {
     // Without auto_da_alloc ext4 does not wait by itself for what is renamed.
     for (const char* mode : {"data=writeback,commit=300", "data=writeback,commit=1", "data=ordered,commit=1"}) {
       const std::string options = std::string("noauto_da_alloc,") + mode;
-      const Findings waited = test.findings(options, true);
+      const Disagreements waited = test.findings(options, true);
       expect(waited.older + waited.unreadable + waited.others_damaged == 0, options + ": every image has the records");
       expect(waited.versions > images, options + ": most images are of moments when there is a record");
-      const Findings twin = test.findings(options, false);
+      const Disagreements twin = test.findings(options, false);
       expect(twin.older + twin.unreadable > 0, options + ": without waiting versions are lost");
       expect(twin.others_damaged == 0, options + ": other files are whole without waiting, too");
     }

@@ -98,7 +98,7 @@ void hold(Contest contest, int count) {
   expect(children::wait_for(contest.run(whole, contest.until)).status == 0, "a run alone ends well");
   const auto duration = std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() - begin);
   expect(children::wait_for(contest.run(longer, contest.later)).status == 0, "a longer run ends well");
-  // The twin: what differs is told apart.
+  // The twin: what differs is distinguished.
   expect(!sample::difference(whole, longer).empty(), "a longer run differs");
   for (int i = 0; i < count; ++i) {
     contest.two_runs(whole);

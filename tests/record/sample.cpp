@@ -16,8 +16,8 @@ bool same_bits(const std::vector<double>& a, const std::vector<double>& b) {
 }  // namespace
 
 std::string difference(const std::filesystem::path& a, const std::filesystem::path& b) {
-  const record::Reader first(a, record::Altered::told);
-  const record::Reader second(b, record::Altered::told);
+  const record::Reader first(a, record::Altered::reported);
+  const record::Reader second(b, record::Altered::reported);
   const auto in_first = first.datasets();
   const auto in_second = second.datasets();
   if (in_first.size() != in_second.size())

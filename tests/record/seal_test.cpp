@@ -150,7 +150,7 @@ TEST_CASE("what a run says of itself cannot be replaced") {
   CHECK(said([](hid_t id) { add_note(id, "note"); }) == "nothing");
   CHECK(said(of("/levels/h", [](hid_t id) { add_note(id, "note"); })) == "nothing");
   const auto only = [&](const char* name) {
-    return Reader(file, Altered::told).altered() == std::vector<std::string>{name};
+    return Reader(file, Altered::reported).altered() == std::vector<std::string>{name};
   };
   for (const char* name : {"title", "problem", "version", "compiler", "contents"}) {
     const std::string expected = fmt::format("a.h5: attribute '{}' is not what was written", name);
@@ -182,9 +182,9 @@ TEST_CASE("no dataset can be altered, or stand in another's place") {
     alter(file, change);
   };
   using Paths = std::vector<std::string>;
-  const auto told = [&] { return Reader(file, Altered::told).altered(); };
+  const auto reported = [&] { return Reader(file, Altered::reported).altered(); };
   meddle([](hid_t id) { add_note(id, "note"); });
-  CHECK(told().empty());  // the twin
+  CHECK(reported().empty());  // the twin
 
   for (const auto& dataset : sample::layout().datasets) {
     if (dataset.axis == dataset.path) {
@@ -195,7 +195,7 @@ TEST_CASE("no dataset can be altered, or stand in another's place") {
              of(dataset.path, change_value), of(dataset.path, [](hid_t id) { set_text(id, "description", "another"); }),
              of(dataset.path, [](hid_t id) { H5Adelete(id, "DIMENSION_LIST"); })}) {
       meddle(change);
-      CHECK(told() == Paths{dataset.path});
+      CHECK(reported() == Paths{dataset.path});
       CHECK_THAT(refusal(file), Contains(fmt::format("a.h5: dataset '{}' is not what was written", dataset.path)));
     }
   }
@@ -219,7 +219,7 @@ TEST_CASE("no dataset can be altered, or stand in another's place") {
   };
   for (const auto& [change, paths] : changes) {
     meddle(change);
-    CHECK(told() == paths);
+    CHECK(reported() == paths);
     CHECK_THAT(refusal(file), Contains(fmt::format("'{}' is not what was written", paths.front())));
   }
   meddle(take(longer, "/levels"));
@@ -238,10 +238,10 @@ TEST_CASE("every version of a record has the checksums of what it holds") {
   const auto holds = [&] {
     std::filesystem::copy_file(file, folder / "b.h5", std::filesystem::copy_options::overwrite_existing);
     alter(folder / "b.h5", [](hid_t id) { add_note(id, "note"); });
-    CHECK(Reader(folder / "b.h5", Altered::told).altered().empty());
+    CHECK(Reader(folder / "b.h5", Altered::reported).altered().empty());
     // The twin: of what it holds now.
     alter(folder / "b.h5", of("/levels/energy", change_value));
-    CHECK(Reader(folder / "b.h5", Altered::told).altered() == std::vector<std::string>{"/levels/energy"});
+    CHECK(Reader(folder / "b.h5", Altered::reported).altered() == std::vector<std::string>{"/levels/energy"});
   };
   sample::Run run;
   const auto go_to = [&](Writer& writer, std::int64_t last, std::int64_t every) {

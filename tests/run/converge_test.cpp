@@ -164,21 +164,21 @@ nowhere = "log(q - 100)"
 
   const std::string lattice = replaced(replaced(breather, "until = 20", "until = 1"),
                                        "[symmetries]\nturn = [[\"u\", \"v\", 1], [\"v\", \"u\", -1]]\n", "");
-  const ConvergenceOutcome told = converge(
+  const ConvergenceOutcome reported = converge(
       parse_problem(lattice, "t.toml",
                     std::vector<std::string>{"scheme.step=0.1", "grid.x.cells=101", "output.interval=0.5",
                                              "output.quantities.twice=2*u", "output.quantities.all=integral(u)",
                                              "output.quantities.probe={ formula = \"u\", at = { x = 0 } }"}),
       std::nullopt);
-  REQUIRE(told.status == ExitStatus::done);
-  REQUIRE(told.quantities.size() == 6);
-  for (const Convergence& quantity : told.quantities) {
+  REQUIRE(reported.status == ExitStatus::done);
+  REQUIRE(reported.quantities.size() == 6);
+  for (const Convergence& quantity : reported.quantities) {
     INFO(quantity.name);
     REQUIRE(quantity.grid);
     CHECK(quantity.step.order().value() == Approx(2.0).margin(0.2));
     CHECK(quantity.grid->order().value() == Approx(2.0).margin(0.4));
   }
-  const auto u = std::ranges::find(told.quantities, "u", &Convergence::name);
-  const auto twice = std::ranges::find(told.quantities, "twice", &Convergence::name);
+  const auto u = std::ranges::find(reported.quantities, "u", &Convergence::name);
+  const auto twice = std::ranges::find(reported.quantities, "twice", &Convergence::name);
   CHECK(twice->grid->error() == Approx(2.0 * u->grid->error()).epsilon(1e-9));
 }

@@ -1,4 +1,4 @@
-// Records that were altered, and quantities that are not defined: both are told, and neither passes for a number.
+// Records that were altered, and quantities that are not defined: both are reported, and neither passes for a number.
 
 #include <catch2/catch.hpp>
 

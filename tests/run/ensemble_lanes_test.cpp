@@ -261,7 +261,7 @@ TEST_CASE("which members go side by side") {
   CHECK(side_by_side(four, {"output.interval=1"}) == 0);
   CHECK(side_by_side(four, {"exact.x=sin(t)"}) == 0);
   CHECK(side_by_side(four, {"laws.every=3"}) == 0);
-  CHECK(side_by_side(four, {"scheme.max_steps=100"}) == 0);  // each tells why it ends
+  CHECK(side_by_side(four, {"scheme.max_steps=100"}) == 0);  // each shows why it ends
   CHECK(side_by_side("grid = { scheme.lagrangian = [\"splitting\", \"midpoint\"], initial.y = \"0:0.3:4\" }") == 4);
 }
 

@@ -112,7 +112,7 @@ TEST_CASE("an ensemble is checked, interrupted and continued on other numbers of
 
 TEST_CASE("what goes wrong at a rank ends the whole as it would at one process") {
   const Folder folder;
-  // Members that fail are told; they do not end the others.
+  // Members that fail are reported; they do not end the others.
   const Problem failing = shared("grid = { scheme.max_steps = [1000, 5, 1000, 1000] }");
   const EnsembleOutcome outcome =
       with_ranks(3, [&](auto& rank) { return run_ensemble(failing, on(rank, folder / "a.h5")); });

@@ -72,7 +72,7 @@ TEST_CASE("members of an ensemble are the runs of their problems, bit by bit") {
     CHECK(figure(all, "discrete_energy/max_relative_deviation", m) == one.statistics.relative_energy_deviation());
     CHECK(std::isnan(figure(all, "off_law/steps", m)) == (m % 2 == 1));  // equal steps choose no levels
   }
-  // What is told of all: of the second member the node energy strays most among the slow ones.
+  // What is reported on all: of the second member the node energy strays most among the slow ones.
   const std::string json = to_json(all);
   CHECK_THAT(json, Contains("\"members\": 6") && Contains("\"node_energy\": {") && Contains("\"worst\": ") &&
                        Contains("\"mean\": ") && !Contains("nan"));

@@ -1,4 +1,4 @@
-// [events] and [section]: what is found, told, stopped, resumed, checked, and refused.
+// [events] and [section]: what is found, reported, stopped, resumed, checked, and refused.
 
 #include <catch2/catch.hpp>
 

@@ -1,4 +1,4 @@
-// [scheme] frame: the equation in a frame that moves with the wave, and what is told of the laboratory.
+// [scheme] frame: the equation in a frame that moves with the wave, and what is reported on the laboratory.
 
 #include <catch2/catch.hpp>
 
@@ -195,12 +195,12 @@ TEST_CASE("states are of the frame; output at times, points, events and invarian
   const std::string file = folder / "frame.h5";
   // The crest of u = 2 sech²(x - 4 t) comes to x = 3.2 at t = 0.8, which is a level: between levels
   // output has an error of its own.
-  const Settings told = joined(
+  const Settings reported = joined(
       soliton, {"scheme.frame.velocity=4", "output.times=[0.8, 1.6]",
                 "output.quantities={ u = \"u\", here = { formula = \"u\", at = { x = 3.2 } }, all = \"integral(u)\" }",
                 "events={ crest = { crossing = \"dx(u)\", at = { x = 3.2 }, direction = \"up\" } }",
                 "invariants={ moment = \"x*u\" }"});
-  const Outcome outcome = run(read_problem("kdv", told), {.output = file, .threads = 1});
+  const Outcome outcome = run(read_problem("kdv", reported), {.output = file, .threads = 1});
   REQUIRE(outcome.status == ExitStatus::done);
   auto reader = std::make_unique<record::Reader>(file);
   const std::vector<double> x = reader->read("/grid/x"), u = reader->read("/output/quantities/u"),
@@ -248,10 +248,10 @@ TEST_CASE("the energy of a frame is that of the laboratory with momentum and cha
   };
   const Outcome plain = outcome({}), frame = outcome({with_the_wave, with_its_phase});
   const auto& invariants = frame.statistics.invariants;
-  const auto told = std::ranges::find(invariants, "laboratory_energy", &figures::Named<figures::Deviation>::name);
-  REQUIRE(told != invariants.end());
+  const auto reported = std::ranges::find(invariants, "laboratory_energy", &figures::Named<figures::Deviation>::name);
+  REQUIRE(reported != invariants.end());
   const double lab = plain.statistics.node_energy.initial;
-  CHECK(told->value.initial == Approx(lab).margin(1e-14));
+  CHECK(reported->value.initial == Approx(lab).margin(1e-14));
   CHECK(frame.statistics.node_energy.initial != Approx(lab).margin(0.1));
   CHECK(frame.statistics.relative_energy_deviation().value() < 1e-13);
   CHECK(std::ranges::find(plain.statistics.invariants, "laboratory_energy",

@@ -261,7 +261,7 @@ TEST_CASE("what ranks send for a level of the box scheme in the plane is transpo
 }
 
 TEST_CASE("ranks agree on what is said of media that do not repeat") {
-  // What breaks is told to rank 0: data that do, beside a medium that does not; a medium that does in two rows.
+  // What breaks is reported to rank 0: data that do, beside a medium that does not; a medium that does in two rows.
   const auto medium = [](const std::string& scheme, const std::string& S, const std::string& u) {
     return parse_problem(fmt::format(R"toml(
 [multisymplectic]

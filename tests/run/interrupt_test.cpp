@@ -62,7 +62,7 @@ TEST_CASE("a replay ends where it is asked to", "[run]") {
   const record::Reader reader(file);
   const Problem problem = stored_problem(reader);
   const StoredLevels levels(reader, problem);
-  Findings findings;
+  Disagreements findings;
   std::atomic<bool> asked = false;
   const Interruptible here(&asked);
   CHECK_NOTHROW(replay(reader, levels, problem, findings));

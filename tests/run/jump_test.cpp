@@ -141,7 +141,7 @@ TEST_CASE("a kink alone on the ring has the order of each scheme") {
 }
 
 TEST_CASE("where the ring begins makes no difference") {
-  // Seven cells further the same nodes are told; those that are behind the seam now are told a turn later.
+  // Seven cells further the same nodes are reported; those that are behind the seam now are reported a turn later.
   for (const char* scheme : {"box", "leapfrog", "euler-box", "fourier", "splitting"}) {
     INFO(scheme);
     const Folder folder;

@@ -544,9 +544,10 @@ TEST_CASE("schemes with transforms share events and output to rounding", "[long]
   INFO(fmt::format("{}", fmt::join(scheme, " ")));
   // Thirty steps of some ten transforms and kicks, each rounded by some ε; and derivatives, twice of wave number 20 at
   // most.
-  const Settings told = joined(some_events, some_output);
+  const Settings reported = joined(some_events, some_output);
   constexpr double allowed = 400 * 30 * 10 * 8 * std::numeric_limits<double>::epsilon();
-  const Problem problem = wave_on_torus(25, 23, joined(joined(scheme, {"output.every=1", "scheme.until=0.15"}), told));
+  const Problem problem =
+      wave_on_torus(25, 23, joined(joined(scheme, {"output.every=1", "scheme.until=0.15"}), reported));
   const std::string one = folder / "one.h5", all = folder / "all.h5";
   static_cast<void>(run(problem, {.output = one, .threads = 1}));
   const auto apart = [&](const std::string& file) {
@@ -567,7 +568,7 @@ TEST_CASE("schemes with transforms share events and output to rounding", "[long]
   // The twin: a point a little beside.
   std::string beside = some_output.back();
   beside.replace(beside.find("0.7"), 3, "0.70001");
-  static_cast<void>(run(wave_on_torus(25, 23, joined(joined(scheme, told), {"scheme.until=0.15", beside})),
+  static_cast<void>(run(wave_on_torus(25, 23, joined(joined(scheme, reported), {"scheme.until=0.15", beside})),
                         {.output = folder / "beside.h5", .threads = 1}));
   CHECK(apart(folder / "beside.h5") == Names{"/output/quantities/here"});
 }

@@ -160,7 +160,7 @@ void require_checked_together(const std::string& every) {
   Settings settings = scheme;
   settings.insert(settings.end(), {"output.every=" + every, "scheme.until=0.11", "laws.fields=true"});
   static_cast<void>(run(wave_on_torus(13, 11, settings), {.output = file, .threads = 1}));
-  const auto told = [](const Outcome& outcome) {
+  const auto reported = [](const Outcome& outcome) {
     std::vector<std::string> all = {to_json(outcome)};
     for (const Disagreement& found : outcome.disagreements) {
       all.push_back(to_string(found));
@@ -169,14 +169,14 @@ void require_checked_together(const std::string& every) {
     return all;
   };
   const auto found_by = [&](int size) {
-    return told(with_ranks(size, [&](auto& rank) { return check(file, {.ranks = &rank}); }));
+    return reported(with_ranks(size, [&](auto& rank) { return check(file, {.ranks = &rank}); }));
   };
   const auto sound = check(file);
   CHECK(sound.status == ExitStatus::done);
   for (const int size : {2, 3, 11}) {
-    CHECK(found_by(size) == told(sound));
+    CHECK(found_by(size) == reported(sound));
   }
-  CHECK(found_by(12) == told(sound));  // more ranks than planes: rank 0 alone
+  CHECK(found_by(12) == reported(sound));  // more ranks than planes: rank 0 alone
   // It is shared, and what goes wrong on the way is found: planes of u on their way to rank 1.
   Mailboxes tampered(3);
   tampered.tamper_with([sent = 0](int from, std::vector<double>& numbers) mutable {
@@ -200,7 +200,7 @@ void require_checked_together(const std::string& every) {
     const Outcome one = check(file);
     CHECK(one.status == ExitStatus::contradiction);
     for (const int size : {2, 3}) {
-      CHECK(found_by(size) == told(one));
+      CHECK(found_by(size) == reported(one));
     }
   };
   constexpr std::size_t nodes = 13 * 11;

@@ -1,4 +1,4 @@
-// What `check` makes of the record of a lattice alone, next to what the run told.
+// What `check` makes of the record of a lattice alone, next to what the run reported.
 
 #include <catch2/catch.hpp>
 
@@ -54,8 +54,8 @@ const rubato::Spread& residual(const Outcome& outcome, const std::string& name) 
   return found->value;
 }
 
-/// Every figure that the run told is the same number; and a stored value, whichever field it is of, that is altered by
-/// 1e-6 is seen.
+/// Every figure that the run reported is the same number; and a stored value, whichever field it is of, that is altered
+/// by 1e-6 is seen.
 void check_reproduces(const std::string& name, const std::string& lagrangian, const std::string& file,
                       const std::vector<std::string>& more = {}) {
   INFO(name << ", " << lagrangian);

@@ -118,7 +118,7 @@ TEST_CASE("a lattice run that is stopped and resumed is the same, bit by bit", "
   check_resumes_at_start("sine-gordon", {});
   check_resumes_at_start("bbm", {});
   check_resumes_at_start("sine-gordon", {"scheme.lagrangian=euler-box", "scheme.levels=fixed"});
-  // The twin: another step is told apart.
+  // The twin: another step is distinguished.
   const Folder folder;
   run_problem("sine-gordon", folder / "a.h5", {"grid.x.cells=51", "scheme.until=1"});
   run_problem("sine-gordon", folder / "b.h5", {"grid.x.cells=51", "scheme.until=1", "scheme.step=0.05000000000000001"});

@@ -53,7 +53,7 @@ TEST_CASE("laws taken at every n-th level are those of a run that takes all", "[
   for (const char* path : {"/laws/totals/momentum", "/laws/topological_charge"}) {
     check_thinned(all, some, path, 0);
   }
-  // What the run tells says of how many steps it is, and the energy law is that of all.
+  // What the run shows says of how many steps it is, and the energy law is that of all.
   CHECK(thinned.statistics.law_steps_taken() == whole.statistics.steps / every);
   CHECK(thinned.statistics.energy_deviation() == whole.statistics.energy_deviation());
   CHECK(thinned.statistics.residuals.front().value.count() ==

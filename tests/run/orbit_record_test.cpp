@@ -1,4 +1,4 @@
-// What a run tells, and what `check` makes of its record alone; and a run that stops at a singular point.
+// What a run shows, and what `check` makes of its record alone; and a run that stops at a singular point.
 
 #include <catch2/catch.hpp>
 
@@ -31,7 +31,7 @@ TEST_CASE("check reproduces the table of a run from the record alone") {
       CHECK(differences(ran, checked) == Names{});
       CHECK(checked.status == ExitStatus::done);
       CHECK(checked.disagreements.empty());
-      // What only check tells: the states satisfy the equation of the step, to rounding of ∂A/∂z, whose terms are
+      // What only check shows: the states satisfy the equation of the step, to rounding of ∂A/∂z, whose terms are
       // below 4.
       REQUIRE(checked.statistics.residuals.size() == 1);
       CHECK(checked.statistics.residuals[0].value.largest() <= 1e-13);
@@ -60,7 +60,7 @@ TEST_CASE("check sees a record that was altered") {
   CHECK(checked.statistics.relative_energy_deviation() > 1e-11);  // that of the states
   CHECK(checked.statistics.residuals.at(0).value.largest() > 1e-11);
   CHECK_FALSE(differences(ran, checked) == Names{});
-  // Of an energy that was altered, too, the states tell what it was.
+  // Of an energy that was altered, too, the states show what it was.
   run_problem("pendulum", file);
   falsify(file, "/levels/energy", 100, 1.0);
   const Outcome mended = check(file);
@@ -91,7 +91,7 @@ TEST_CASE("Kepler with e = 0.85 stops at the singular set, and says where; its r
   CHECK(t.back() == stopped.statistics.t);
   CHECK_FALSE(reader.header().finished);
   CHECK(differences(stopped, check(file)) == Names{});
-  // The twins: e = 0.6 does not stop, and a record one step longer is told apart.
+  // The twins: e = 0.6 does not stop, and a record one step longer is distinguished.
   const Outcome whole = run_problem("kepler", folder / "whole.h5", {"scheme.on_singular=stop"});
   CHECK(whole.status == ExitStatus::done);
   CHECK(whole.message.empty());

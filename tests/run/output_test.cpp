@@ -1,4 +1,4 @@
-// [output] times, interval, quantities and states: what is told when, resumed, checked, and refused.
+// [output] times, interval, quantities and states: what is reported when, resumed, checked, and refused.
 
 #include <catch2/catch.hpp>
 

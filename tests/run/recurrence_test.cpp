@@ -42,7 +42,7 @@ TEST_CASE("the chain of 32 masses with beta = 8 has its recurrence at 4935.8", "
   CHECK(std::abs(found.t - 4935.8) < 1.0);
   CHECK(found.share > 0.99);
   CHECK(found.least < 0.06);
-  // Half the step changes nothing that the times of output could tell.
+  // Half the step changes nothing that the times of output could show.
   CHECK(std::abs(recurrence({"scheme.step=0.05"}).t - found.t) < 0.11);
   // The twins: another force, another chain, and a scheme whose laws hold and whose orbit is wrong.
   CHECK(std::abs(recurrence({"parameters.beta=7.9"}).t - 4935.8) > 1.0);

@@ -21,11 +21,11 @@ TEST_CASE("the options of orbits and of lattices say the same of a run where not
   const rubato::LevelOptions orbit = level_options(rubato::IntegrationOptions{}, true, 0.0),
                              lattice = level_options(rubato::LatticeOptions{}, true, 0.0),
                              other = level_options(rubato::LatticeOptions{.tolerance = 1e-12}, true, 0.0);
-  const auto told = [](const rubato::LevelOptions& options) {
+  const auto reported = [](const rubato::LevelOptions& options) {
     return std::tuple(options.levels, options.on_singular, options.tolerance, options.potential.kind);
   };
-  CHECK(told(orbit) == told(lattice));
-  CHECK_FALSE(told(orbit) == told(other));  // the twin
+  CHECK(reported(orbit) == reported(lattice));
+  CHECK_FALSE(reported(orbit) == reported(other));  // the twin
 }
 
 TEST_CASE("step = auto keeps the node energy within energy_tolerance, and resumes as if never stopped") {

@@ -95,7 +95,7 @@ TEST_CASE("a run with a step potential goes on with it, bit by bit") {
   }
 }
 
-TEST_CASE("a run that was too short for a scout is replayed as it was begun when it was continued") {
+TEST_CASE("a run that was too short for a look-ahead is replayed as it was begun when it was continued") {
   const Folder folder;
   const std::string file = folder / "a.h5", straight = folder / "straight.h5";
   const std::vector<std::string> settings = {"grid.x.cells=32", "scheme.lagrangian=splitting",

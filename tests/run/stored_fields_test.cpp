@@ -135,7 +135,7 @@ TEST_CASE("without states a record has the fields that evolve, at the first and 
   REQUIRE(sound.warnings.size() >= 1);
   CHECK_THAT(sound.warnings.back(), Catch::Contains("the last state of the fields that evolve") &&
                                         Catch::Contains("0 of " + std::to_string(outcome.statistics.steps)));
-  // Both states and what is told of their levels.
+  // Both states and what is reported on their levels.
   CHECK(finds(file, "/states/u", 7, 1e-6));
   CHECK(finds(file, "/states/u", 51 + 7, 1e-6));
   CHECK(finds(file, "/levels/node_energy", 0, 1e-6));

@@ -1,6 +1,6 @@
 #pragma once
 
-// What tests of things told along a run share: of output times, and of events.
+// What tests of things reported along a run share: of output times, and of events.
 
 #include <filesystem>
 #include <string>

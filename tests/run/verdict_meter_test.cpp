@@ -14,7 +14,7 @@
 #include <rubato/problem/problem.hpp>
 #include <rubato/run/energy_exchange.hpp>
 #include <rubato/run/local_frequency.hpp>
-#include <rubato/run/member_findings.hpp>
+#include <rubato/run/member_verdicts.hpp>
 
 using namespace rubato;
 using figures::Verdict;
@@ -95,7 +95,7 @@ TEST_CASE("the local frequency is the largest eigenvalue of J H''") {
 }
 
 TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
-  MemberFindings findings;
+  MemberVerdicts findings;
   const figures::Judgement lost{.verdict = Verdict::lost,
                                 .reasons = {{.kind = figures::ReasonKind::energy,
                                              .verdict = Verdict::lost,
@@ -110,7 +110,7 @@ TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
   CHECK_FALSE(findings.all_lost());
   CHECK(findings.warnings("members") ==
         std::vector<std::string>{"in 2 of 3 members, the first: 0: at 6 of 11 times it is undefined"});
-  MemberFindings restored;
+  MemberVerdicts restored;
   restored.restore(findings.saved());
   restored.add_verdict(Verdict::good, true);
   restored.add_verdict(Verdict::lost, true);

@@ -44,7 +44,7 @@ TEST_CASE("dense systems of every size and several right-hand sides are solved b
   Eigen::VectorXd single = b.col(1);
   solver.solve(single.data());
   CHECK(backward_error(a, single, b.col(1)) < tolerance(n));
-  // Twin: the solution of a matrix with one entry off by 1e-6 is told apart.
+  // Twin: the solution of a matrix with one entry off by 1e-6 is distinguished.
   Eigen::MatrixXd wrong = a;
   wrong(n - 1, 0) += 1e-6;
   CHECK(backward_error(wrong, x, b) > tolerance(n));

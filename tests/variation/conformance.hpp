@@ -9,8 +9,8 @@
 
 #include <rubato/variation/total_variation.hpp>
 
-/// What every discrete action has to satisfy, whoever states it: one function for a whole suite. It returns what
-/// failed, so that the suite itself can be tried on actions that are wrong.
+/// What every discrete action has to satisfy, the caller that states it: one function for a whole suite. It returns
+/// what failed, so that the suite itself can be tried on actions that are wrong.
 namespace conformance {
 
 using Eigen::Index;

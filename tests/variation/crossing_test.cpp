@@ -108,7 +108,7 @@ TEST_CASE("a zero at a level is one crossing, and one that is touched is none", 
     CHECK(follow(line, slope, 1.0, 0.25, 8).t.empty());  // the start is none
     CHECK(follow(line, slope, 0.0, 0.25, 4).t.empty());  // nor the end: whether it is passed is not known yet
     CHECK(follow(line, slope, 0.0, 0.25, 5).t.size() == 1);
-    // The start told with rounding.
+    // The start reported with rounding.
     CHECK(follow([](double t) { return t - 1.0 - 1e-16; }, slope, 1.0, 0.25, 8).t.empty());
     CHECK(follow([](double t) { return t - 1.0 - 1e-8; }, slope, 1.0, 0.25, 8).t.size() == 1);
   }

@@ -66,7 +66,7 @@ TEST_CASE("of noise a low degree is believed, which is off by little more than t
     before = value;
   }
   // The value before has a variance of the difference of 2, a line through two of them one of 6; that which degree was
-  // near of late tells nothing here costs some more of the low one.
+  // near of late shows nothing here costs some more of the low one.
   CHECK(square < 5.0);
   CHECK(exaggerated > 5.5);
 }

@@ -18,22 +18,22 @@ namespace {
 const double pi = std::acos(-1.0);
 
 /// A stretch with steps of their own lengths, in which η swings about `mean`.
-Scouting stretch(int order, double mean, unsigned seed) {
+LookAhead stretch(int order, double mean, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> part(0.5, 1.5);
-  Scouting scouting{.order = order, .step = 0.1, .energy_size = 1.0};
+  LookAhead look{.order = order, .step = 0.1, .energy_size = 1.0};
   for (int k = 0; k < 150; ++k) {
     const double length = 0.1 * part(random);
-    scouting.time.push_back(scouting.duration + 0.5 * length);
-    scouting.eta.push_back(1e-3 * (mean + std::sin(0.7 * scouting.time.back()) + 0.1 * part(random)));
-    scouting.duration += length;
+    look.time.push_back(look.duration + 0.5 * length);
+    look.eta.push_back(1e-3 * (mean + std::sin(0.7 * look.time.back()) + 0.1 * part(random)));
+    look.duration += length;
   }
-  return scouting;
+  return look;
 }
 
-double eta_at(const Scouting& scouting, const EtaDoubt& doubt, double time) {
-  const auto& t = scouting.time;
-  const auto& eta = scouting.eta;
+double eta_at(const LookAhead& look, const EtaDoubt& doubt, double time) {
+  const auto& t = look.time;
+  const auto& eta = look.eta;
   double seen = time <= t.front() ? eta.front() : eta.back();
   if (time > t.front() && time < t.back()) {
     const auto i = static_cast<std::size_t>(std::ranges::lower_bound(t, time) - t.begin()) - 1;
@@ -58,15 +58,15 @@ struct Job {
 };
 
 /// The same step by step.
-LevelForecast plain_forecast(const Scouting& scouting, const Job& job,
+LevelForecast plain_forecast(const LookAhead& look, const Job& job,
                              double limit = std::numeric_limits<double>::infinity()) {
   const StepPotential& potential = job.potential;
-  const int s = scouting.order;
-  double h = scouting.step, time = 0.0, here = eta_at(scouting, job.doubt, 0.0);
+  const int s = look.order;
+  double h = look.step, time = 0.0, here = eta_at(look, job.doubt, 0.0);
   double defect = (s + 1.0) * power_of(h, s) * here + potential.energy(h);
   const double first = defect, side = std::copysign(1.0, potential.strength);
   LevelForecast forecast{.complete = true, .shortest = h, .longest = h, .potential = std::abs(potential.energy(h))};
-  while (time < scouting.duration) {
+  while (time < look.duration) {
     const double last = h;
     bool solved = false;
     for (int iteration = 0; iteration < 20 && !solved; ++iteration) {
@@ -74,20 +74,20 @@ LevelForecast plain_forecast(const Scouting& scouting, const Job& job,
       const double miss = (s + 1.0) * power * h * here + potential.energy(h) - defect;
       const double slope = s * (s + 1.0) * power * here + potential.strength * potential.exponent / potential.length *
                                                               power_of(h / potential.length, potential.exponent - 1.0);
-      if (!(slope * side * h > scouting.resolved_slope())) {
+      if (!(slope * side * h > look.resolved_slope())) {
         break;
       }
       const double next = std::clamp(h - miss / slope, 0.5 * h, 2.0 * h);
       solved = std::abs(next - h) < 1e-9 * h;
       h = next;
     }
-    if (!solved || std::abs(std::log(h / last)) > 0.2 || forecast.steps > 20.0 * scouting.duration / scouting.step ||
+    if (!solved || std::abs(std::log(h / last)) > 0.2 || forecast.steps > 20.0 * look.duration / look.step ||
         forecast.potential > limit) {
       forecast.complete = false;
       return forecast;
     }
     time += h;
-    const double there = eta_at(scouting, job.doubt, time);
+    const double there = eta_at(look, job.doubt, time);
     defect += power_of(h, s) * (there - here);
     here = there;
     forecast.steps += 1.0;
@@ -96,7 +96,7 @@ LevelForecast plain_forecast(const Scouting& scouting, const Job& job,
     forecast.shortest = std::min(forecast.shortest, h);
     forecast.longest = std::max(forecast.longest, h);
   }
-  forecast.steps -= (time - scouting.duration) / h;
+  forecast.steps -= (time - look.duration) / h;
   return forecast;
 }
 
@@ -110,18 +110,18 @@ bool near(const LevelForecast& a, const LevelForecast& b, double part) {
 }
 
 /// From those that are hardly felt to those that hardly let steps change, of both signs, with doubts.
-std::vector<Job> many_jobs(const Scouting& scouting, bool broken) {
+std::vector<Job> many_jobs(const LookAhead& look, bool broken) {
   std::vector<Job> jobs;
-  const double s = scouting.order;
+  const double s = look.order;
   for (const double exponent : {s + 1.0, 2.0 * s + 2.0, 4.0 * s}) {
     for (double kappa = 8.0; kappa > 0.2; kappa /= 1.7) {
       for (const double sign : {1.0, -1.0}) {
-        const StepPotential potential{.strength = sign * 4e-3 * std::pow(scouting.step, s),
-                                      .length = kappa * scouting.step,
+        const StepPotential potential{.strength = sign * 4e-3 * std::pow(look.step, s),
+                                      .length = kappa * look.step,
                                       .exponent = exponent + (broken && kappa < 1.0 ? 0.3 : 0.0)};
         jobs.push_back({.potential = potential});
         jobs.push_back({.potential = potential, .doubt = {.factor = 1.5, .turn = 0.0}});
-        jobs.push_back({.potential = potential, .doubt = {.factor = 1.5, .turn = scouting.duration / 6.0}});
+        jobs.push_back({.potential = potential, .doubt = {.factor = 1.5, .turn = look.duration / 6.0}});
       }
     }
   }
@@ -138,20 +138,20 @@ TEST_CASE("levels are forecast as step by step, and no further than the limit of
   for (const int order : {2, 4, 8}) {
     for (const double mean : {2.0, 0.3}) {
       for (const bool broken : {false, true}) {
-        const Scouting scouting = stretch(order, mean, 7);
-        const LevelForecaster forecast(scouting);
-        const double limit = 3e-3 * std::pow(scouting.step, order);
-        for (const Job& job : many_jobs(scouting, broken)) {
+        const LookAhead look = stretch(order, mean, 7);
+        const LevelForecaster forecast(look);
+        const double limit = 3e-3 * std::pow(look.step, order);
+        for (const Job& job : many_jobs(look, broken)) {
           INFO("order " << order << ", mean " << mean << ", f' = " << job.potential.strength << " (h/"
                         << job.potential.length << ")^" << job.potential.exponent << ", turn " << job.doubt.turn);
-          const LevelForecast expected = plain_forecast(scouting, job);
+          const LevelForecast expected = plain_forecast(look, job);
           CHECK(near(forecast(job.potential, job.doubt), expected, solved));
-          CHECK(near(forecast(job.potential, job.doubt, limit), plain_forecast(scouting, job, limit), solved));
+          CHECK(near(forecast(job.potential, job.doubt, limit), plain_forecast(look, job, limit), solved));
           (expected.complete ? complete : incomplete) += 1;
           // The twin: a strength that is off by a millionth.
           Job other = job;
           other.potential.strength *= 1.0 + 1e-6;
-          moved += near(plain_forecast(scouting, other), expected, solved) ? 0 : 1;
+          moved += near(plain_forecast(look, other), expected, solved) ? 0 : 1;
         }
       }
     }
@@ -161,25 +161,26 @@ TEST_CASE("levels are forecast as step by step, and no further than the limit of
   CHECK(moved > 100);
 }
 
-TEST_CASE("Where a scout took long strides a forecast does, too, and comes to what it is step by step", "[variation]") {
+TEST_CASE("Where a look-ahead took long strides a forecast does, too, and comes to what it is step by step",
+          "[variation]") {
   int complete = 0, incomplete = 0;
   for (const int order : {2, 4}) {
     for (const double mean : {2.0, 0.3}) {
       // Strides of 64 first steps, in which η changes by 4 hundredths of its swing.
-      Scouting scouting{.order = order, .step = 0.1, .energy_size = 1.0};
+      LookAhead look{.order = order, .step = 0.1, .energy_size = 1.0};
       for (int k = 0; k < 300; ++k) {
-        scouting.time.push_back(6.4 * (k + 0.5));
-        scouting.eta.push_back(1e-3 * (mean + std::sin(0.006 * scouting.time.back())));
+        look.time.push_back(6.4 * (k + 0.5));
+        look.eta.push_back(1e-3 * (mean + std::sin(0.006 * look.time.back())));
       }
-      scouting.duration = 6.4 * 300;
-      const LevelForecaster forecast(scouting);
-      for (const Job& job : many_jobs(scouting, false)) {
+      look.duration = 6.4 * 300;
+      const LevelForecaster forecast(look);
+      for (const Job& job : many_jobs(look, false)) {
         const LevelForecast found = forecast(job.potential, job.doubt);
-        const LevelForecast expected = plain_forecast(scouting, job);
+        const LevelForecast expected = plain_forecast(look, job);
         INFO("order " << order << ", mean " << mean << ", f' = " << job.potential.strength << " (h/"
                       << job.potential.length << ")^" << job.potential.exponent << ", turn " << job.doubt.turn);
-        // A level that is about to end does so within a stride, an eighth of one of the scout's, or of a 128th of a
-        // turn
+        // A level that is about to end does so within a stride, an eighth of one of the look-ahead's, or of a 128th of
+        // a turn
         CHECK(found.complete == expected.complete);
         CHECK(found.steps == Approx(expected.steps).epsilon(0.02));
         if (expected.complete) {

@@ -184,7 +184,7 @@ struct Case {
   return std::pow(static_cast<double>(effort), -4.0);
 }
 
-/// x ← x + d, x being told in two parts.
+/// x ← x + d, x being given in two parts.
 inline void add(double& x, double& rest, double d) {
   const double y = d + rest, sum = x + y;
   rest = y - (sum - x);

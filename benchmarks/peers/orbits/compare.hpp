@@ -36,7 +36,7 @@ void add_peers(const Case<System>& problem, int first, std::vector<Method>& meth
           .targets = {1e-3, 1e-6, 1e-9, 1e-12},
           .longest_search = 0.5,
           .longest_run = 0.2,
-          .growth_of_levels = 2.0,  // each has a scout
+          .growth_of_levels = 2.0,  // each has a look-ahead
           .shortest_measurement = 3e-4,
           .steadily = true};
 }

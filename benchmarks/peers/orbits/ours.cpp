@@ -109,7 +109,7 @@ Choice in_time(Choice choice, const TimeScales::value_type& scale) {
   return choice;
 }
 
-/// With such levels; with variable ones, each with a scout, every other number of stages is enough, and Verlet's
+/// With such levels; with variable ones, each with a look-ahead, every other number of stages is enough, and Verlet's
 /// method, whose levels break down, is none.
 void add_choices(const std::vector<Choice>& choices, rubato::Levels levels, const Ours& problem, int first,
                  std::vector<Method>& methods) {

@@ -44,14 +44,14 @@ public:
     if constexpr (Watch::active) {
       for (int i = 0; i < steps; ++i) {
         passes_.run(1, pass);
-        tell(state);
+        write(state);
         watch(state.q.data(), state.p.data());
       }
     } else {
       passes_.run(steps, pass);
     }
     const double seconds = peers::cpu_seconds() - start;
-    tell(state);
+    write(state);
     return {seconds, steps, until};
   }
 
@@ -77,7 +77,7 @@ private:
       to[k] = centre;
     }
   }
-  void tell(State<System>& state) const {
+  void write(State<System>& state) const {
     from_jacobi(x_.data(), state.q.data());
     from_jacobi(v_.data(), state.p.data());
     for (std::size_t i = 0; i < n; ++i) {

@@ -1,4 +1,4 @@
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 
 #include <algorithm>
 #include <array>
@@ -26,14 +26,14 @@ namespace rubato {
 
 namespace {
 
-using namespace tuning::gauss_slab;
+using namespace tuning::gauss_step;
 constexpr double drift = drift_in_reach * WaveResolvent::reach;
 
 using Complex = std::complex<double>;
 
 }  // namespace
 
-GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
+GaussStep::GaussStep(const MultisymplecticSystem& system, const grids::Grid& grid, int stages,
                      const LatticeLevel& first, SpaceRule space)
     : system_(system),
       grid_(grid),
@@ -125,17 +125,17 @@ GaussSlab::GaussSlab(const MultisymplecticSystem& system, const grids::Grid& gri
 }
 
 /// Whether the first wave here is the one that is constant in space.
-bool GaussSlab::has_mean() const {
+bool GaussStep::has_mean() const {
   return fourier_all_.modes() > 0 && fourier_all_.wave(0) == std::array<std::ptrdiff_t, 3>{};
 }
 
 /// Those of other ranks as well.
-double GaussSlab::sum_of_waves(double here) const {
+double GaussStep::sum_of_waves(double here) const {
   const grids::Transposition* const shared = fourier_all_.transposition();
   return shared == nullptr ? here : shared->slab().sum_over_ranks(here);
 }
 
-void GaussSlab::find_varying_fields() {
+void GaussStep::find_varying_fields() {
   for (int f = 0; f < d_; ++f) {
     if (is_in_rest(system_, f)) {
       F_.push_back(f);
@@ -147,7 +147,7 @@ void GaussSlab::find_varying_fields() {
 }
 
 /// L: the constant entries of S''; L̄: of the others the middle of their values, where these are finite.
-void GaussSlab::set_middle(const LatticeLevel& first) {
+void GaussStep::set_middle(const LatticeLevel& first) {
   grids::FieldSet at = first.fields;
   copy_level(first.fields, at_midpoints_, at);
   whole_ = middle_hessian(system_, grid_, at);
@@ -164,7 +164,7 @@ void GaussSlab::set_middle(const LatticeLevel& first) {
 }
 
 /// N and its gradient at the varying fields, the others 0.
-void GaussSlab::compile() {
+void GaussStep::compile() {
   if (!F_.empty()) {
     const PotentialRest rest = rest_of_potential(system_, system_.constant_hessian(), F_);
     rest_value_ = formula::BatchEvaluator(formula::Bytecode(std::array{rest.value}, rest.inputs));
@@ -181,7 +181,7 @@ void GaussSlab::compile() {
   }
 }
 
-void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
+void GaussStep::add_slopes(const PotentialSlopes& slopes) {
   if (!has_slope(slopes, grid_)) {
     slopes_ = WaveRows();
     return;
@@ -196,7 +196,7 @@ void GaussSlab::add_slopes(const PotentialSlopes& slopes) {
   from_grid(std::as_const(work_).pointers(), fourier_all_, slopes_);  // those of lines of points
 }
 
-void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
+void GaussStep::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
   ++stamp_;
   solved_ = complete_ = end_known_ = false;
   copy_level(high, at_midpoints_, high_);
@@ -251,7 +251,7 @@ void GaussSlab::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   }
 }
 
-void GaussSlab::linearise(const GaussSlab& about) {
+void GaussStep::linearise(const GaussStep& about) {
   tangent_ = true;
   solved_ = false;
   if (F_.empty()) {
@@ -261,7 +261,7 @@ void GaussSlab::linearise(const GaussSlab& about) {
   evaluate_curvature(about.point_);
 }
 
-void GaussSlab::begin_at_level() {
+void GaussStep::begin_at_level() {
   starts_solved_ = false;
   if (newton_) {
     newton_->any_start = false;
@@ -292,12 +292,12 @@ void GaussSlab::begin_at_level() {
   }
 }
 
-RestForecast GaussSlab::make_forecast() const {
+RestForecast GaussStep::make_forecast() const {
   return {tableau_, static_cast<int>(F_.size()), level_.waves()};
 }
 
 /// R as the polynomial through R of these stages, at those of a step `ratio` times as long.
-void GaussSlab::continue_rests(double ratio) {
+void GaussStep::continue_rests(double ratio) {
   WaveRows& from = Y_F_;
   std::ranges::copy(std::as_const(rest_.re).all(), from.re.all().begin());
   std::ranges::copy(std::as_const(rest_.im).all(), from.im.all().begin());
@@ -314,7 +314,7 @@ void GaussSlab::continue_rests(double ratio) {
 }
 
 /// rests += factor L̄ ẑ_k at every stage: with -1 R becomes N' - L̄ Z, which names no level.
-void GaussSlab::add_middle_of_level(double factor, WaveRows& rests) const {
+void GaussStep::add_middle_of_level(double factor, WaveRows& rests) const {
   for (const MatrixTerm& term : middle_terms_) {
     const int field = F_[static_cast<std::size_t>(term.column)];
     for (int i = 0; i < m_; ++i) {
@@ -324,7 +324,7 @@ void GaussSlab::add_middle_of_level(double factor, WaveRows& rests) const {
   }
 }
 
-bool GaussSlab::begin(RestForecast& forecast, double h, double trial) {
+bool GaussStep::begin(RestForecast& forecast, double h, double trial) {
   const auto is_near = [h](double other) {
     const double ratio = other != 0.0 ? h / other : 0.0;
     return ratio > 1.0 / tuning::longest_continuation && ratio < tuning::longest_continuation;
@@ -340,7 +340,7 @@ bool GaussSlab::begin(RestForecast& forecast, double h, double trial) {
   return true;
 }
 
-void GaussSlab::continue_trial(double ratio) {
+void GaussStep::continue_trial(double ratio) {
   starts_solved_ = std::abs(ratio - 1.0) <= refined_at;
   if (newton_) {
     newton_->any_start = needs_newton();
@@ -351,7 +351,7 @@ void GaussSlab::continue_trial(double ratio) {
   continue_rests(ratio);
 }
 
-void GaussSlab::continue_from(RestForecast& forecast, double h) {
+void GaussStep::continue_from(RestForecast& forecast, double h) {
   starts_solved_ = false;
   const double ratio = h / forecast.last_h();
   if (newton_) {
@@ -367,7 +367,7 @@ void GaussSlab::continue_from(RestForecast& forecast, double h) {
   }
 }
 
-bool GaussSlab::prepare(double h) {
+bool GaussStep::prepare(double h) {
   const double size = eigenvalues_.cwiseAbs().mean() / std::abs(h);
   const bool is_far = size > drift * radius_ || size * drift < radius_;
   if (is_far) {
@@ -385,22 +385,22 @@ bool GaussSlab::prepare(double h) {
   return *is_solvable_;
 }
 
-bool GaussSlab::has_resolvent() const {
+bool GaussStep::has_resolvent() const {
   return resolvent_ && resolvent_->radius() == radius_;
 }
 
-void GaussSlab::take_last_resolvent() {
+void GaussStep::take_last_resolvent() {
   std::swap(resolvent_, last_resolvent_);
   is_solvable_.reset();
   inverted_h_ = maps_h_ = 0.0;
 }
 
-bool GaussSlab::are_near(double h, double other) {
+bool GaussStep::are_near(double h, double other) {
   return std::abs(h - other) <= nearby * std::abs(other);
 }
 
 /// b ↦ Y and N' ↦ Y for steps of length reference_h_: what complete() does otherwise with the entries of the resolvent.
-void GaussSlab::make_maps() {
+void GaussStep::make_maps() {
   maps_h_ = reference_h_;
   base_map_.clear();
   rest_map_.clear();
@@ -435,7 +435,7 @@ void GaussSlab::make_maps() {
 
 /// base_F_ and transfer_ for steps of length h, or one near by: what these miss is mended by refine(), with the h that
 /// is meant.
-void GaussSlab::invert(double h) {
+void GaussStep::invert(double h) {
   if (m_ == 1 || !are_near(h, reference_h_)) {
     reference_h_ = h;
   }
@@ -503,7 +503,7 @@ void GaussSlab::invert(double h) {
 }
 
 /// Ŷ_F of the rests.
-void GaussSlab::iterate_waves() {
+void GaussStep::iterate_waves() {
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
     transfer_.apply(rest_, &base_F_, begin, end - begin, Y_F_);
   });
@@ -511,7 +511,7 @@ void GaussSlab::iterate_waves() {
 
 /// What rounding of N' at the stages placed last makes of each varying field: a field that is 0 but for that has no
 /// other size, and its corrections never shrink.
-void GaussSlab::measure_noise() {
+void GaussStep::measure_noise() {
   std::array<double, MultisymplecticSystem::most_fields> of_rest{};
   std::array<const double*, MultisymplecticSystem::most_fields> in{};
   const std::size_t n = F_.size();
@@ -540,7 +540,7 @@ void GaussSlab::measure_noise() {
 }
 
 /// The stages z + y_, and y_ - y_last_, what the stages before left of their equation, beside the increments.
-GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
+GaussStep::Correction GaussStep::place_stages(std::span<const double> largest) {
   const grids::ReductionBlocks pieces(grid_.size());
   std::array<double, grids::ReductionBlocks::most> moved_in, change_in;  // as in wave_energy()
   Correction result;
@@ -588,7 +588,7 @@ GaussSlab::Correction GaussSlab::place_stages(std::span<const double> largest) {
 }
 
 /// rest_grid_ -= L̄ times rows as those of the stages.
-void GaussSlab::subtract_middle(std::span<const double* const> of) {
+void GaussStep::subtract_middle(std::span<const double* const> of) {
   for (const MatrixTerm& term : middle_terms_) {
     for (int i = 0; i < m_; ++i) {
       subtract(term.value, of[static_cast<std::size_t>(varying(term.column, i))], grid_.size(),
@@ -598,7 +598,7 @@ void GaussSlab::subtract_middle(std::span<const double* const> of) {
 }
 
 /// R at the stages.
-void GaussSlab::evaluate_rests() {
+void GaussStep::evaluate_rests() {
   const std::size_t n = F_.size();
   std::array<const double*, MultisymplecticSystem::most_fields> in{};
   std::array<double*, MultisymplecticSystem::most_fields> out{};
@@ -620,7 +620,7 @@ void GaussSlab::evaluate_rests() {
   points_F_.from_points(std::as_const(rest_grid_).pointers(), rest_);
 }
 
-Status GaussSlab::iterate_to_fixed_point(std::span<const double> largest) {
+Status GaussStep::iterate_to_fixed_point(std::span<const double> largest) {
   double last = std::numeric_limits<double>::infinity(), before_last = last;
   int idle = 0;
   for (int iteration = 0;; ++iteration) {
@@ -661,7 +661,7 @@ Status GaussSlab::iterate_to_fixed_point(std::span<const double> largest) {
   }
 }
 
-Status GaussSlab::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
+Status GaussStep::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
   solved_ = complete_ = end_known_ = false;
   steady_ = steady;
   noise_.clear();
@@ -706,7 +706,7 @@ Status GaussSlab::solve(double h, double accuracy, std::span<const double> large
 
 /// Σ_i w_i of the quadratic and linear terms of the waves at the level and row f·stages + i of each field; or of the
 /// quadratic ones of the rows alone.
-double GaussSlab::wave_energy(const WaveRows& rows, std::span<const double> weights, bool alone) const {
+double GaussStep::wave_energy(const WaveRows& rows, std::span<const double> weights, bool alone) const {
   const auto stages = static_cast<int>(weights.size());
   const grids::ReductionBlocks pieces(rows.waves());
   std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
@@ -770,7 +770,7 @@ double GaussSlab::wave_energy(const WaveRows& rows, std::span<const double> weig
   return grid_.cell_volume() * sum_of_waves(sum.value());
 }
 
-double GaussSlab::rest_energy(std::span<const double* const> fields) {
+double GaussStep::rest_energy(std::span<const double* const> fields) {
   if (F_.empty()) {
     return system_.constant() * grid_.cell_volume() * static_cast<double>(grids::whole_of(grid_).size());
   }
@@ -782,7 +782,7 @@ double GaussSlab::rest_energy(std::span<const double* const> fields) {
   return grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
 }
 
-double GaussSlab::energy() {
+double GaussStep::energy() {
   complete();
   CompensatedSum sum;
   sum.add(wave_energy(Y_, {tableau_.b.data(), static_cast<std::size_t>(m_)}));
@@ -797,7 +797,7 @@ double GaussSlab::energy() {
 }
 
 /// ẑ_{k+1} - ẑ_k, and of fields at midpoints their value there.
-void GaussSlab::end_rows() {
+void GaussStep::end_rows() {
   complete();
   if (std::exchange(end_known_, true)) {
     return;
@@ -817,7 +817,7 @@ void GaussSlab::end_rows() {
 }
 
 /// ẑ_{k+1} - ẑ_k in scratch_, 0 for fields at midpoints.
-const WaveRows& GaussSlab::change_of_levels() {
+const WaveRows& GaussStep::change_of_levels() {
   end_rows();
   WaveRows& change = scratch_;
   std::ranges::copy(std::as_const(end_.re).all(), change.re.all().begin());
@@ -831,7 +831,7 @@ const WaveRows& GaussSlab::change_of_levels() {
   return change;
 }
 
-double GaussSlab::energy_at_end() {
+double GaussStep::energy_at_end() {
   const WaveRows& level = change_of_levels();
   double energy = wave_energy(level, std::array{1.0});
   if (F_.empty()) {
@@ -851,7 +851,7 @@ double GaussSlab::energy_at_end() {
   return energy;
 }
 
-double GaussSlab::quadratic_form() {
+double GaussStep::quadratic_form() {
   const double form = -2.0 * wave_energy(change_of_levels(), std::array{1.0}, true);
   if (F_.empty()) {
     return form;
@@ -876,7 +876,7 @@ double GaussSlab::quadratic_form() {
   return form - grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
 }
 
-void GaussSlab::increment(grids::FieldSet& delta) {
+void GaussStep::increment(grids::FieldSet& delta) {
   end_rows();
   if (!space_.spectral()) {
     std::ranges::copy(std::as_const(end_.re).all(), scratch_.re.all().begin());
@@ -894,7 +894,7 @@ void GaussSlab::increment(grids::FieldSet& delta) {
   grids::refresh_ghosts(delta);
 }
 
-Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h) {
+Status GaussStep::take(const LatticeLevel& before, const LatticeLevel&, double h) {
   bool same = solved_ && h == h_;
   for (int f = 0; same && f < d_; ++f) {
     same =
@@ -917,7 +917,7 @@ Status GaussSlab::take(const LatticeLevel& before, const LatticeLevel&, double h
   return status;
 }
 
-void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
+void GaussStep::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   complete();
   WaveRows& rows = scratch_;
   for (int f = 0; f < d_; ++f) {
@@ -958,7 +958,7 @@ void GaussSlab::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   grids::refresh_ghosts(rate);
 }
 
-void GaussSlab::forget_steps() {
+void GaussStep::forget_steps() {
   radius_ = reference_h_ = 0.0;
   fixed_point_fails_at_ = std::numeric_limits<double>::infinity();
   since_fixed_point_ = 0;
@@ -968,7 +968,7 @@ void GaussSlab::forget_steps() {
   solved_ = starts_solved_ = restored_ = false;
 }
 
-void GaussSlab::save(StateWriter& state) const {
+void GaussStep::save(StateWriter& state) const {
   state.write(radius_);
   state.write(fixed_point_fails_at_);
   state.write(static_cast<double>(since_fixed_point_));
@@ -979,7 +979,7 @@ void GaussSlab::save(StateWriter& state) const {
     grids::save_whole(state, newton_->kept);
   }
 }
-void GaussSlab::restore(StateReader& state) {
+void GaussStep::restore(StateReader& state) {
   state.read(radius_);
   state.read(fixed_point_fails_at_);
   state.read(since_fixed_point_);
@@ -1000,7 +1000,7 @@ void GaussSlab::restore(StateReader& state) {
 
 namespace {
 
-/// Made at the first step, which tells the middle of S''.
+/// Made at the first step, which shows the middle of S''.
 class GaussStages final : public StageSource {
 public:
   GaussStages(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, SpaceRule space)
@@ -1029,7 +1029,7 @@ private:
   GaussTableau tableau_;
   SpaceRule space_;
   std::vector<bool> asked_;
-  std::optional<GaussSlab> slab_;
+  std::optional<GaussStep> slab_;
 };
 
 }  // namespace

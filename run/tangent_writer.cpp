@@ -1,4 +1,4 @@
-#include <rubato/run/tangent_teller.hpp>
+#include <rubato/run/tangent_writer.hpp>
 
 #include <algorithm>
 #include <stdexcept>
@@ -43,7 +43,7 @@ Sensitivities sensitivities_of(const Problem& problem) {
 
 }  // namespace
 
-TangentTeller::TangentTeller(const Problem& problem) : problem_(problem) {
+TangentWriter::TangentWriter(const Problem& problem) : problem_(problem) {
   const StatedTangents& tangents = problem.scheme.tangents;
   try {
     if (tangents.vectors > 0 || tangents.matrix) {
@@ -57,7 +57,7 @@ TangentTeller::TangentTeller(const Problem& problem) : problem_(problem) {
   }
 }
 
-std::vector<std::string> TangentTeller::names() const {
+std::vector<std::string> TangentWriter::names() const {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < problem_.scheme.tangents.vectors; ++i) {
     names.push_back(fmt::format("{}", i + 1));
@@ -65,7 +65,7 @@ std::vector<std::string> TangentTeller::names() const {
   return names;
 }
 
-void TangentTeller::describe(record::Layout& layout) {
+void TangentWriter::describe(record::Layout& layout) {
   using record::Type;
   const StatedTangents& tangents = problem_.scheme.tangents;
   constexpr auto steps = "/levels/step", states = "/states/t";
@@ -110,7 +110,7 @@ void TangentTeller::describe(record::Layout& layout) {
   }
 }
 
-void TangentTeller::take(const OutputStep& step) {
+void TangentWriter::take(const OutputStep& step) {
   ++steps_;
   // What fails leaves numbers that are undefined, and a sentence at the end of the run.
   if (vectors_) {
@@ -121,15 +121,15 @@ void TangentTeller::take(const OutputStep& step) {
   }
 }
 
-std::span<const double> TangentTeller::logarithms() const {
+std::span<const double> TangentWriter::logarithms() const {
   return vectors_ ? vectors_->logarithms() : std::span<const double>();
 }
 
-double TangentTeller::defect() const {
+double TangentWriter::defect() const {
   return vectors_ ? vectors_->defect() : 0.0;
 }
 
-void TangentTeller::append_step(RowSink& sink) const {
+void TangentWriter::append_step(RowSink& sink) const {
   for (std::size_t i = 0; i < growth_.size(); ++i) {
     sink.append(growth_[i], logarithms()[i]);
   }
@@ -138,13 +138,13 @@ void TangentTeller::append_step(RowSink& sink) const {
   }
 }
 
-void TangentTeller::add_to(figures::Statistics& statistics, const OutputStep& step) const {
+void TangentWriter::add_to(figures::Statistics& statistics, const OutputStep& step) const {
   if (!growth_.empty()) {
     statistics.add_tangents(step.length(), logarithms(), defect());
   }
 }
 
-void TangentTeller::append_state(RowSink& sink) const {
+void TangentWriter::append_state(RowSink& sink) const {
   if (problem_.scheme.tangents.matrix) {
     sink.append(matrix_, vectors_->matrix());
   }
@@ -153,7 +153,7 @@ void TangentTeller::append_state(RowSink& sink) const {
   }
 }
 
-void TangentTeller::save(StateWriter& state) const {
+void TangentWriter::save(StateWriter& state) const {
   state.write(static_cast<double>(steps_));
   if (vectors_) {
     vectors_->save(state);
@@ -163,7 +163,7 @@ void TangentTeller::save(StateWriter& state) const {
   }
 }
 
-void TangentTeller::restore(StateReader& state) {
+void TangentWriter::restore(StateReader& state) {
   state.read(steps_);
   if (vectors_) {
     vectors_->restore(state);
@@ -173,8 +173,8 @@ void TangentTeller::restore(StateReader& state) {
   }
 }
 
-std::unique_ptr<TangentTeller> make_tangents(const Problem& problem) {
-  return problem.scheme.tangents.any() ? std::make_unique<TangentTeller>(problem) : nullptr;
+std::unique_ptr<TangentWriter> make_tangents(const Problem& problem) {
+  return problem.scheme.tangents.any() ? std::make_unique<TangentWriter>(problem) : nullptr;
 }
 
 }  // namespace rubato

@@ -36,7 +36,7 @@ namespace rubato {
 ///
 ///     M Ż_i + Σ_a K_a ∂_a Z_i = ∇S(Z_i)  at every point,      E_k = Σ_i b_i Σ ΔV [S(Z_i) + Σ_a (∂_a Z_i)ᵀK₊Z_i].
 ///
-/// Levels and stages are given and told at the nodes; within, rows of waves are of the values at the points.
+/// Levels and stages are given and reported at the nodes; within, rows of waves are of the values at the points.
 /// A field in ker M has stage values alone, and so have constraints: they hold at the stages. S is taken apart into a
 /// quadratic part with constant coefficients L and the rest N, a function of the fields F that S'' varies with; L̄ is
 /// a middle of the values of N'' at the first level (middle_hessian). Then
@@ -56,11 +56,11 @@ namespace rubato {
 /// A⁻¹ = VΛV⁻¹ holds to cond(V) ε only, 1e-12 with eight stages, and a scheme whose A is off is off its symplecticity
 /// in every step by the same, which shows as a drift. So once in each step, when the stages are known well enough,
 /// their equation's residual is taken with A⁻¹ in two parts, and what mends it is added from then on.
-class GaussSlab final : public StageSource {
+class GaussStep final : public StageSource {
 public:
   /// `first`: a level of the run, for the middle of S''. \throws std::invalid_argument if stages are not 1 … 8, or as
   /// SpaceCollocation
-  GaussSlab(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first,
+  GaussStep(const MultisymplecticSystem& system, const grids::Grid& grid, int stages, const LatticeLevel& first,
             SpaceRule space = {});
 
   /// The level z = high + low that steps are taken from; fields at midpoints count as 0. `low` may be null.
@@ -72,7 +72,7 @@ public:
 
   /// From now on steps are those of tangent solutions at a fixed h, S'' taken at the stages of the step that `about`,
   /// made of the same arguments, has just solved. Energies are then none.
-  void linearise(const GaussSlab& about);
+  void linearise(const GaussStep& about);
 
   /// Where the iteration begins: with R of the level at all stages, with R of the stages solved last, for a step
   /// `ratio` times as long from the same level, or with what is foreseen from the steps that led here. Newton's method
@@ -92,7 +92,7 @@ public:
   /// `largest`: the largest increment of each field so far, beside which corrections are judged. `steady`: whether
   /// steps of about this length are to be expected, so that matrices for them are made and kept where they are small.
   [[nodiscard]] Status solve(double h, double accuracy, std::span<const double> largest, bool steady = false);
-  /// Whether matrices of steps of the one length serve for those of the other.
+  /// True if matrices of steps of the one length serve for those of the other.
   [[nodiscard]] static bool are_near(double h, double other);
   [[nodiscard]] int iterations() const { return iterations_; }  ///< since construction
 
@@ -157,7 +157,7 @@ private:
   void apply_newton_matrix(const double* in, double* out);
   void complete();
   void stages_of_rests();
-  /// Stages as good as this, relative, tell what mends them to next to nothing.
+  /// Stages as good as this, relative, show what mends them to next to nothing.
   static constexpr double refined_at = 1e-6;
   void refine();
   void evaluate_left(std::size_t begin, std::size_t count);
@@ -211,9 +211,10 @@ private:
   std::vector<double> a_inverse_high_, a_inverse_low_;  ///< by rows
   std::vector<std::complex<double>> V_by_rows_, V_inverse_by_rows_;
 
-  std::optional<WaveResolvent> resolvent_;       ///< about radius_, once has_resolvent() is true
-  std::optional<WaveResolvent> last_resolvent_;  ///< before it: a scout goes from short steps to long ones and back
-  std::optional<bool> is_solvable_;              ///< by resolvent_ of all ranks, if that is known
+  std::optional<WaveResolvent> resolvent_;  ///< about radius_, once has_resolvent() is true
+  std::optional<WaveResolvent>
+      last_resolvent_;               ///< before it: a look-ahead goes from short steps to long ones and back
+  std::optional<bool> is_solvable_;  ///< by resolvent_ of all ranks, if that is known
   double radius_ = 0.0;
 
   std::uint64_t stamp_ = 0;

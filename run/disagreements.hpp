@@ -17,7 +17,7 @@
 namespace rubato {
 
 /// What a check finds: how many numbers it compared, and those that disagree.
-class Findings {
+class Disagreements {
 public:
   /// Of each dataset at most this many are listed, the first ones; all are counted.
   static constexpr std::size_t most_listed = 10;
@@ -26,7 +26,7 @@ public:
   /// As many more of a dataset of which enough are listed.
   void add_unlisted(const std::string& dataset, std::size_t count);
 
-  /// Whether they are other bits; all that are not numbers are the same.
+  /// True if they are other bits; all that are not numbers are the same.
   [[nodiscard]] static bool differ(double stored, double recomputed) {
     return stored != recomputed && !(std::isnan(stored) && std::isnan(recomputed));
   }
@@ -82,7 +82,7 @@ private:
   figures::Corrections corrections_;
 };
 
-/// What rounding makes of a function of many numbers, where all that is known is the function. Each input is off by a
+/// The rounding error of a function of many numbers, where all that is known is the function. Each input is off by a
 /// few units in the last place of its scale. Of few inputs each is displaced alone by 2^-26 of its scale and the
 /// changes of the function are added up, which bounds what all of them together can do. Of many all are displaced at
 /// once with random signs: those of a number at two or three levels go together in some attempts and against each other
@@ -95,7 +95,7 @@ public:
   /// More inputs than this are displaced at once.
   static constexpr std::size_t few = 48;
   /// The step is solved until corrections stagnate, which leaves it a few units off; evaluating it another way leaves
-  /// another few; and a formula may round numbers between that are larger than what is displaced here tells.
+  /// another few; and a formula may round numbers between that are larger than what is displaced here shows.
   static constexpr double roundings = 64.0;
   static constexpr double unit = roundings * std::numeric_limits<double>::epsilon();
 

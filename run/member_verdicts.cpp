@@ -1,4 +1,4 @@
-#include <rubato/run/member_findings.hpp>
+#include <rubato/run/member_verdicts.hpp>
 
 #include <algorithm>
 #include <cctype>
@@ -64,7 +64,7 @@ Number number_of(const std::string& text) {
 
 }  // namespace
 
-void MemberFindings::add(std::size_t number, const std::string& label, const std::vector<std::string>& warnings,
+void MemberVerdicts::add(std::size_t number, const std::string& label, const std::vector<std::string>& warnings,
                          const figures::Judgement& judgement, bool ended) {
   const std::string which = label.empty() ? fmt::format("{}", number) : label;
   std::vector<std::string> seen;  // a run counts once
@@ -97,21 +97,21 @@ void MemberFindings::add(std::size_t number, const std::string& label, const std
   add_verdict(judgement.verdict, ended);
 }
 
-void MemberFindings::add_verdict(Verdict verdict, bool ended) {
+void MemberVerdicts::add_verdict(Verdict verdict, bool ended) {
   ++runs_;
   verdicts_[static_cast<std::size_t>(verdict)] += ended ? 1 : 0;
 }
 
-Verdict MemberFindings::verdict() const {
+Verdict MemberVerdicts::verdict() const {
   const auto worst = std::ranges::find_if(verdicts_.rbegin(), verdicts_.rend(), [](std::size_t n) { return n > 0; });
   return worst == verdicts_.rend() ? Verdict::good : static_cast<Verdict>(verdicts_.rend() - worst - 1);
 }
 
-bool MemberFindings::all_lost() const {
+bool MemberVerdicts::all_lost() const {
   return verdicts_[2] > 0 && verdicts_[0] == 0 && verdicts_[1] == 0;
 }
 
-std::vector<std::string> MemberFindings::warnings(std::string_view plural) const {
+std::vector<std::string> MemberVerdicts::warnings(std::string_view plural) const {
   std::vector<std::string> sentences;
   for (const Warning& warning : warnings_) {
     sentences.push_back(fmt::format("in {} of {} {}, the first: {}: {}", warning.members, runs_, plural, warning.first,
@@ -120,7 +120,7 @@ std::vector<std::string> MemberFindings::warnings(std::string_view plural) const
   return sentences;
 }
 
-std::string MemberFindings::verdict_text(std::string_view plural) const {
+std::string MemberVerdicts::verdict_text(std::string_view plural) const {
   std::string text = fmt::format("{} ({} good, {} doubtful, {} lost)", figures::to_string(verdict()), verdicts_[0],
                                  verdicts_[1], verdicts_[2]);
   for (const Cause& cause : causes_) {
@@ -130,7 +130,7 @@ std::string MemberFindings::verdict_text(std::string_view plural) const {
   return text;
 }
 
-void MemberFindings::add_to(figures::JsonObject& object, std::string_view plural) const {
+void MemberVerdicts::add_to(figures::JsonObject& object, std::string_view plural) const {
   object.text("verdict", figures::to_string(verdict()));
   figures::JsonObject counts;
   counts.count("good", verdicts_[0]).count("doubtful", verdicts_[1]).count("lost", verdicts_[2]);
@@ -143,7 +143,7 @@ void MemberFindings::add_to(figures::JsonObject& object, std::string_view plural
   object.objects("reasons", reasons).texts("warnings", warnings(plural));
 }
 
-std::string MemberFindings::saved() const {
+std::string MemberVerdicts::saved() const {
   std::string text;
   for (const Warning& warning : warnings_) {
     text += line_of({"warning", fmt::format("{}", warning.members), warning.first, warning.sentence});
@@ -157,7 +157,7 @@ std::string MemberFindings::saved() const {
   return text;
 }
 
-void MemberFindings::restore(std::string_view text) {
+void MemberVerdicts::restore(std::string_view text) {
   for (const std::string& line : parts_of(text, ending)) {
     const std::vector<std::string> parts = parts_of(line, between);
     if (parts.size() == 4 && parts[0] == "warning") {

@@ -1,4 +1,4 @@
-#include <rubato/variation/scout.hpp>
+#include <rubato/variation/look_ahead.hpp>
 
 #include <algorithm>
 #include <array>
@@ -19,11 +19,11 @@ namespace {
 
 using namespace tuning;
 
-/// The scout's log so far, and whether it has seen enough.
+/// The look-ahead's log so far, and whether it has seen enough.
 class Watch {
 public:
   /// \param one_step the first is enough, if K depends on h there
-  Watch(Scouting& log, std::size_t most, bool one_step, double run_length)
+  Watch(LookAhead& log, std::size_t most, bool one_step, double run_length)
       : log_(log),
         most_(most),
         one_step_(one_step),
@@ -50,7 +50,7 @@ public:
     return seen_what_repeats() && (depends_ || log_.duration >= to_end_ || (held_ && seen >= least_stretch));
   }
 
-  /// A longer stride told something else, or cost too much: first steps are about as long as the motion's own time.
+  /// A longer stride showed something else, or cost too much: first steps are about as long as the motion's own time.
   void hold() { held_ = true; }
   /// Of a longer one than this nothing is to be saved, as long as it looks early.
   void hold_to(double stride) {
@@ -73,7 +73,7 @@ private:
     if (one_step_ && depends_) {
       return true;
     }
-    // A little less: what rounding makes of a sum of steps decides nothing.
+    // A little less: the rounding error of a sum of steps decides nothing.
     const double seen = log_.duration * (1.0 + 1e-9);
     if (looks_early() && seen >= early_look_ * log_.step) {
       const bool is_all = log_.knows_step() ? repeats(log_) : held_ && early_look_ >= second_look;
@@ -96,7 +96,7 @@ private:
     return comes_back && largest_at_ <= seen_before * log_.duration;
   }
 
-  Scouting& log_;
+  LookAhead& log_;
   std::size_t most_;
   bool one_step_;
   bool depends_ = false;  ///< K on h, in what was seen
@@ -109,21 +109,21 @@ private:
 };
 
 /// dK/d|h| = s(s+1)|h|^(s-1) η, for η = 1.
-double slope_of_one(const Scouting& log, double length) {
+double slope_of_one(const LookAhead& log, double length) {
   return log.order * (log.order + 1.0) * power_of(length, log.order - 1);
 }
 
 /// Of η, relative; one that K hardly knows h for is as good as 0.
-double change_between(const Scouting& log, double eta, double last) {
+double change_between(const LookAhead& log, double eta, double last) {
   return std::abs(eta - last) /
-         std::max({std::abs(eta), std::abs(last), log.least_told(), std::numeric_limits<double>::min()});
+         std::max({std::abs(eta), std::abs(last), log.least_resolved(), std::numeric_limits<double>::min()});
 }
 
 /// Iterations for the time of a first step, of the last stride of each length, 2^k first steps.
-class Prices {
+class StrideCosts {
 public:
   /// Whether this stride takes many iterations, much more than a shorter one did for the same time.
-  [[nodiscard]] bool is_dear(double stride, int iterations) {
+  [[nodiscard]] bool is_high(double stride, int iterations) {
     const auto k = static_cast<std::size_t>(std::ilogb(stride));
     last_[k] = iterations / stride;
     return iterations > many_iterations && last_[k] > dear * least_of_shorter(k);
@@ -152,14 +152,14 @@ private:
 
 }  // namespace
 
-Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tolerance, double run_length) {
+LookAhead look_ahead(LevelScheme& scheme, double first_step, bool one_step, double tolerance, double run_length) {
   StateWriter before(StateWriter::For::going_back);
   scheme.save(before);
-  Scouting log{.order = scheme.order(), .step = std::abs(first_step), .tolerance = tolerance};
+  LookAhead log{.order = scheme.order(), .step = std::abs(first_step), .tolerance = tolerance};
   const std::size_t size = before.size();
   Watch watch(log, std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps, most_steps),
               one_step, run_length);
-  Prices prices;
+  StrideCosts costs;
   double begun_with = 0.0;  // the terms of the first step that has any
   double stride = 1.0, longest = longest_stride;
   int until_tried = 0;
@@ -167,17 +167,17 @@ Scouting scout(LevelScheme& scheme, double first_step, bool one_step, double tol
     const double h = stride * first_step;
     const int counted = scheme.iterations();  // since the last level
     // As long as K does not depend on h, what a loosely solved step leaves would look as if it did.
-    const double accuracy = watch.depends_on_step() ? scout_accuracy : 0.0;
+    const double accuracy = watch.depends_on_step() ? look_ahead_accuracy : 0.0;
     const bool taken = scheme.advance(h, accuracy) == Status::success;
     double eta = 0.0, change = 0.0;
     if (taken) {
       eta = scheme.discrete_energy_slope() * sign(h) / slope_of_one(log, std::abs(h));
       change = change_between(log, eta, log.eta.empty() ? eta : log.eta.back());
     }
-    if (prices.is_dear(stride, scheme.iterations() - counted)) {
+    if (costs.is_high(stride, scheme.iterations() - counted)) {
       longest = 0.5 * stride;
       watch.hold();
-    } else if (stride > 1.0 && taken && watch.looks_early() && prices.saves_little(stride)) {
+    } else if (stride > 1.0 && taken && watch.looks_early() && costs.saves_little(stride)) {
       watch.hold_to(stride);
     }
     const bool good = taken && std::isfinite(eta);

@@ -1,10 +1,10 @@
-#include <rubato/run/findings.hpp>
+#include <rubato/run/disagreements.hpp>
 
 #include <fmt/format.h>
 
 namespace rubato {
 
-void Findings::add(Disagreement disagreement) {
+void Disagreements::add(Disagreement disagreement) {
   ++disagreements_;
   if (disagreement.row && !disagreement.index && std::isfinite(disagreement.recomputed)) {
     corrections_[disagreement.dataset][*disagreement.row] = disagreement.recomputed;
@@ -14,7 +14,7 @@ void Findings::add(Disagreement disagreement) {
   }
 }
 
-void Findings::add_unlisted(const std::string& dataset, std::size_t count) {
+void Disagreements::add_unlisted(const std::string& dataset, std::size_t count) {
   disagreements_ += count;
   listed_of_[dataset] += count;
 }

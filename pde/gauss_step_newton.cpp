@@ -5,12 +5,12 @@
 #include <vector>
 
 #include <rubato/grids/reductions.hpp>
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/potential_rest.hpp>
 #include <rubato/pde/tuning.hpp>
 
 /// \file
-/// Newton's method for the stages of a GaussSlab, for steps in which its fixed-point iteration does not contract.
+/// Newton's method for the stages of a GaussStep, for steps in which its fixed-point iteration does not contract.
 
 namespace rubato {
 
@@ -21,7 +21,7 @@ using namespace tuning::slab_newton;
 }  // namespace
 
 /// N'' as a function of F, by rows.
-void GaussSlab::compile_curvature() {
+void GaussStep::compile_curvature() {
   if (curvature_.fields() > 0) {
     return;
   }
@@ -35,7 +35,7 @@ void GaussSlab::compile_curvature() {
   curvature_ = grids::FieldSet(static_cast<int>(entries.size()) * m_, grid_.size());
 }
 
-void GaussSlab::evaluate_curvature(const grids::FieldSet& stages) {
+void GaussStep::evaluate_curvature(const grids::FieldSet& stages) {
   constexpr int most = MultisymplecticSystem::most_fields;
   std::array<const double*, most> in{};
   std::array<double*, most * most> out{};
@@ -53,7 +53,7 @@ void GaussSlab::evaluate_curvature(const grids::FieldSet& stages) {
 }
 
 /// rest_grid_ = N'' times rows as those of the stages.
-void GaussSlab::multiply_by_curvature(std::span<const double* const> of) {
+void GaussStep::multiply_by_curvature(std::span<const double* const> of) {
   const int n = static_cast<int>(F_.size());
   rest_grid_.fill(0.0);
   for (int f = 0; f < n; ++f) {
@@ -71,7 +71,7 @@ void GaussSlab::multiply_by_curvature(std::span<const double* const> of) {
 }
 
 /// T(b + R) - Y at the stages placed last, and its Euclidean norm.
-double GaussSlab::evaluate_residual() {
+double GaussStep::evaluate_residual() {
   evaluate_rests();
   iterate_waves();
   ++iterations_;
@@ -86,7 +86,7 @@ double GaussSlab::evaluate_residual() {
 }
 
 /// out = in - T (N'' - L̄) in.
-void GaussSlab::apply_newton_matrix(const double* in, double* out) {
+void GaussStep::apply_newton_matrix(const double* in, double* out) {
   std::vector<const double*>& rows = newton_->rows;
   for (std::size_t r = 0; r < rows.size(); ++r) {
     rows[r] = in + r * grid_.size();
@@ -105,7 +105,7 @@ void GaussSlab::apply_newton_matrix(const double* in, double* out) {
   }
 }
 
-void GaussSlab::make_newton() {
+void GaussStep::make_newton() {
   if (newton_) {
     return;
   }
@@ -116,7 +116,7 @@ void GaussSlab::make_newton() {
   newton_->rows.resize(rows_F_.size());
 }
 
-void GaussSlab::keep(RestForecast& forecast) {
+void GaussStep::keep(RestForecast& forecast) {
   WaveRows& rests = forecast.next();
   rests.re.copy_from(rest_.re);
   rests.im.copy_from(rest_.im);
@@ -132,7 +132,7 @@ void GaussSlab::keep(RestForecast& forecast) {
 
 /// The polynomial through 0 at 0 and the stages at c_i, at the stages of a step that begins where it begins, or ends:
 /// there less what it comes to.
-void GaussSlab::continue_stages(const grids::FieldSet& from, double ratio, bool at_its_end, grids::FieldSet& to) {
+void GaussStep::continue_stages(const grids::FieldSet& from, double ratio, bool at_its_end, grids::FieldSet& to) {
   const auto basis = [&](int j, double at) { return tableau_.lagrange(j, at) * (at / tableau_.c[j]); };
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
@@ -149,7 +149,7 @@ void GaussSlab::continue_stages(const grids::FieldSet& from, double ratio, bool 
 
 /// From what is known, or through steps from the same level that double until they are h: what a long step has for
 /// stages is too far from the level for Newton's method, and the linear part alone says little of it.
-Status GaussSlab::solve_by_newton(double h, double accuracy, std::span<const double> largest) {
+Status GaussStep::solve_by_newton(double h, double accuracy, std::span<const double> largest) {
   make_newton();
   if (newton_->any_start) {
     y_.copy_from(newton_->start);
@@ -183,7 +183,7 @@ Status GaussSlab::solve_by_newton(double h, double accuracy, std::span<const dou
 }
 
 /// From the stages y_.
-Status GaussSlab::iterate_by_newton(double accuracy, std::span<const double> largest) {
+Status GaussStep::iterate_by_newton(double accuracy, std::span<const double> largest) {
   y_last_.copy_from(y_);
   static_cast<void>(place_stages(largest));
   double residual = evaluate_residual(), last = std::numeric_limits<double>::infinity();
@@ -235,7 +235,7 @@ Status GaussSlab::iterate_by_newton(double accuracy, std::span<const double> lar
       measure_noise();
     }
     // The next correction is as much smaller as what it is to mend, or as this was: what hardly makes a residual, as a
-    // slow motion of all, is told by the second alone.
+    // slow motion of all, is given by the second alone.
     const double next = made.size * std::max(residual / before, made.size / last);
     done = made.size <= newton_done || next <= std::max({newton_done, 1e-3 * accuracy, unfelt_part * made.rounding}) ||
            (made.size <= certainly_rounding && residual > 0.5 * before);

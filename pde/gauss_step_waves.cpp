@@ -2,15 +2,15 @@
 #include <array>
 #include <utility>
 
-#include <rubato/pde/gauss_slab.hpp>
+#include <rubato/pde/gauss_step.hpp>
 
 /// \file
-/// The stages of all fields of a GaussSlab from the rests R̂: the linear equations of each wave.
+/// The stages of all fields of a GaussStep from the rests R̂: the linear equations of each wave.
 
 namespace rubato {
 
 /// Ŷ of all fields at all stages.
-void GaussSlab::complete() {
+void GaussStep::complete() {
   if (std::exchange(complete_, true)) {
     return;
   }
@@ -23,7 +23,7 @@ void GaussSlab::complete() {
   }
 }
 
-void GaussSlab::stages_of_rests() {
+void GaussStep::stages_of_rests() {
   if (by_maps()) {
     for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
       rest_map_.apply(rest_, &base_Y_, begin, end - begin, Y_);
@@ -46,7 +46,7 @@ void GaussSlab::stages_of_rests() {
 /// Solves (A⁻¹/h ⊗ M + I ⊗ (Σ ik_a K_a - L - L̄)) x = r, with VΛV⁻¹ for A⁻¹.
 /// \param right_side (e, c, begin, count, block): adds row e of V⁻¹ times the stages of r of field c
 template <typename RightSide>
-void GaussSlab::solve_on_waves(const RightSide& right_side, WaveRows& x) {
+void GaussStep::solve_on_waves(const RightSide& right_side, WaveRows& x) {
   x.re.fill(0.0);
   x.im.fill(0.0);
   for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
@@ -79,7 +79,7 @@ void GaussSlab::solve_on_waves(const RightSide& right_side, WaveRows& x) {
 }
 
 /// left_ = b + R - (A⁻¹/h ⊗ M + I ⊗ (Σ ik_a K_a - L - L̄)) Y, with A⁻¹ beyond double precision.
-void GaussSlab::evaluate_left(std::size_t begin, std::size_t count) {
+void GaussStep::evaluate_left(std::size_t begin, std::size_t count) {
   const auto re = [&](WaveRows& rows, int row) { return rows.re.field(row).data() + begin; };
   const auto im = [&](WaveRows& rows, int row) { return rows.im.field(row).data() + begin; };
   for (int i = 0; i < m_; ++i) {
@@ -126,7 +126,7 @@ void GaussSlab::evaluate_left(std::size_t begin, std::size_t count) {
 }
 
 /// refinement_ = what solve_on_waves() makes of left_, by the resolvents of the maps.
-void GaussSlab::resolve_left() {
+void GaussStep::resolve_left() {
   const std::size_t waves = level_.waves(), d = static_cast<std::size_t>(d_);
   const auto from = [waves](const WaveRows& rows, std::size_t row, std::size_t begin, std::size_t stride) {
     const std::size_t at = row * waves + begin;
@@ -153,7 +153,7 @@ void GaussSlab::resolve_left() {
 }
 
 /// What the stages of these rests lack, which is the same for others near by.
-void GaussSlab::refine() {
+void GaussStep::refine() {
   refined_ = true;
   if (m_ == 1) {
     return;  // A⁻¹ is 2
@@ -186,7 +186,7 @@ void GaussSlab::refine() {
 }
 
 /// base_F_ of base_Y_.
-void GaussSlab::take_base_of_varying() {
+void GaussStep::take_base_of_varying() {
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     for (int i = 0; i < m_; ++i) {
       const int row = F_[static_cast<std::size_t>(f)] * m_ + i;

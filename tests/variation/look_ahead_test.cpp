@@ -1,5 +1,5 @@
-// The scout for a step potential (theory, section 9): what it sees of η, for how many steps, on a scheme whose η is a
-// given function of time.
+// The look-ahead for a step potential (theory, section 9): what it sees of η, for how many steps, on a scheme whose η
+// is a given function of time.
 
 #include <catch2/catch.hpp>
 
@@ -13,7 +13,7 @@
 
 #include <rubato/base/interrupt.hpp>
 #include <rubato/base/limits.hpp>
-#include <rubato/variation/scout.hpp>
+#include <rubato/variation/look_ahead.hpp>
 
 using namespace rubato;
 
@@ -68,24 +68,24 @@ constexpr double h = 0.01;
 
 }  // namespace
 
-TEST_CASE("A scout takes no strides that cost more than they save") {
+TEST_CASE("A look-ahead takes no strides that cost more than they save") {
   KnownEta steady([](double) { return -2e-4; });
   steady.dear_from = 10.0 * h;
   steady.dear = 1000;
-  const Scouting seen = scout(steady, h, false, 1e-13);
+  const LookAhead seen = look_ahead(steady, h, false, 1e-13);
   CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
   // 1, 2, 4, 8 steps at once, then 16, once, which are dear; then 8, 46 times.
   CHECK(steady.all_iterations < 1100);
   KnownEta saving([](double) { return -2e-4; });
   saving.dear_from = 10.0 * h;
   saving.dear = 2;  // twice the iterations for twice the time, and less for more
-  (void)scout(saving, h, false, 1e-13);
+  (void)look_ahead(saving, h, false, 1e-13);
   CHECK(saving.tried < 20);
 }
 
-TEST_CASE("A scout sees 400 first steps in a few where η stays, and goes back") {
+TEST_CASE("A look-ahead sees 400 first steps in a few where η stays, and goes back") {
   KnownEta steady([](double) { return -2e-4; });
-  const Scouting seen = scout(steady, h, false, 1e-13);
+  const LookAhead seen = look_ahead(steady, h, false, 1e-13);
   CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
   CHECK(seen.eta.size() <= 10);  // 1 + 1 + 2 + 4 + … + 128 first steps, and one more
   CHECK(seen.eta.front() == Approx(-2e-4));
@@ -93,15 +93,15 @@ TEST_CASE("A scout sees 400 first steps in a few where η stays, and goes back")
   CHECK(steady.time == 5.0);
   // Where it changes as fast as first steps resolve, the steps are those.
   KnownEta fast([](double t) { return std::sin(0.5 * t / h); });
-  const std::size_t taken = scout(fast, h, false, 1e-13).eta.size();
+  const std::size_t taken = look_ahead(fast, h, false, 1e-13).eta.size();
   CHECK(taken >= 400);
   CHECK(taken <= 500);  // a little longer where a peak happens to be at the end
   // Backward in time it is the same.
   KnownEta backward([](double) { return -2e-4; });
-  CHECK(scout(backward, -h, false, 1e-13).eta.size() == seen.eta.size());
+  CHECK(look_ahead(backward, -h, false, 1e-13).eta.size() == seen.eta.size());
 }
 
-TEST_CASE("A scout that set out from a peak of η goes on until it sees the next one") {
+TEST_CASE("A look-ahead that set out from a peak of η goes on until it sees the next one") {
   // Peaks a hundredth as wide as they are apart, 20000 first steps.
   const double period = 20000.0 * h;
   const auto eta = [period](double t) {
@@ -109,7 +109,7 @@ TEST_CASE("A scout that set out from a peak of η goes on until it sees the next
     return 1.0 / (1.0 + x * x);
   };
   KnownEta peaks(eta);
-  const Scouting seen = scout(peaks, h, false, 1e-13);
+  const LookAhead seen = look_ahead(peaks, h, false, 1e-13);
   CHECK(seen.duration > period);
   CHECK(seen.eta.size() < 400);
   const double later =
@@ -121,42 +121,42 @@ TEST_CASE("A scout that set out from a peak of η goes on until it sees the next
   // The twin: a state so large that 400 steps have to do is left where they end.
   KnownEta large([](double t) { return 1.0 / (1.0 + 1e4 * std::pow(std::sin(0.5 * (t - 5.0) / h), 2)) / (t - 4.0); },
                  infinity, 1000);
-  CHECK(scout(large, h, false, 1e-13).eta.size() == 400);
+  CHECK(look_ahead(large, h, false, 1e-13).eta.size() == 400);
 }
 
-TEST_CASE("A scout's long steps are those that can be taken; its first decides whether there is one") {
+TEST_CASE("A look-ahead's long steps are those that can be taken; its first decides whether there is one") {
   KnownEta stiff([](double) { return 1.0; }, 3.0 * h);
-  const Scouting seen = scout(stiff, h, false, 1e-13);
+  const LookAhead seen = look_ahead(stiff, h, false, 1e-13);
   CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
   CHECK(seen.eta.size() >= 200);
   CHECK(seen.eta.size() <= 230);  // now and then four first steps are tried, and two follow
   CHECK(stiff.tried <= 1.2 * static_cast<double>(seen.eta.size()));
   KnownEta never([](double) { return 1.0; }, 0.5 * h);
-  CHECK(scout(never, h, false, 1e-13).eta.empty());
+  CHECK(look_ahead(never, h, false, 1e-13).eta.empty());
   KnownEta one([](double) { return 1.0; });
-  CHECK(scout(one, h, true, 1e-13).eta.size() == 1);
+  CHECK(look_ahead(one, h, true, 1e-13).eta.size() == 1);
 }
 
-TEST_CASE("A scout takes no strides that pass over the motion") {
+TEST_CASE("A look-ahead takes no strides that pass over the motion") {
   // (s+1)|η|h² is a thousandth of K in a first step, and a tenth in one of ten.
   KnownEta coarse([](double) { return 1e-3 / (3.0 * h * h); });
-  const Scouting seen = scout(coarse, h, false, 1e-13);
+  const LookAhead seen = look_ahead(coarse, h, false, 1e-13);
   CHECK(seen.eta.size() >= 400 / 8);
   CHECK(seen.eta.size() <= 400 / 8 + 4);
 }
 
-TEST_CASE("At order 4 a scout looks no longer than it takes to see what repeats, or that K tells nothing") {
+TEST_CASE("At order 4 a look-ahead looks no longer than it takes to see what repeats, or that K tells nothing") {
   const auto size_of = [](double period, double eta) {
     KnownEta swinging([=](double t) { return eta * std::cos(2.0 * std::numbers::pi * (t - 5.0) / period); });
     swinging.s = 4;
-    return scout(swinging, h, false, 1e-13).duration / h;
+    return look_ahead(swinging, h, false, 1e-13).duration / h;
   };
   const double eta = 1e-6 / (5.0 * std::pow(h, 4));
   CHECK(size_of(6.0 * h, eta) == Approx(16.0));
   CHECK(size_of(11.0 * h, eta) == Approx(32.0));
   CHECK(size_of(40.0 * h, eta) == Approx(128.0).margin(8.0));
   CHECK(size_of(300.0 * h, eta) >= 400.0);  // not seen to turn four times
-  // Where K tells nothing, as of 1e-15, it sees hundreds of times as much in strides, unless they cost as much as first
+  // Where K shows nothing, as of 1e-15, it sees hundreds of times as much in strides, unless they cost as much as first
   // steps, or cannot be taken.
   CHECK(size_of(40.0 * h, 1e-9 * eta) > 6400.0);
   for (const bool is_dear : {true, false}) {
@@ -164,20 +164,20 @@ TEST_CASE("At order 4 a scout looks no longer than it takes to see what repeats,
     none.s = 4;
     none.dear_from = is_dear ? 3.0 * h : infinity;
     none.dear = 5;
-    CHECK(scout(none, h, false, 1e-13).duration < 40.0 * h);
+    CHECK(look_ahead(none, h, false, 1e-13).duration < 40.0 * h);
     CHECK(none.all_iterations < 40);
   }
   // Where K does not depend on the step it looks to the end of the run, in strides.
   KnownEta exact([](double) { return 0.0; });
   exact.s = 4;
-  CHECK(scout(exact, h, false, 1e-13, 1e5 * h).duration >= 1e5 * h);
+  CHECK(look_ahead(exact, h, false, 1e-13, 1e5 * h).duration >= 1e5 * h);
   CHECK(exact.all_iterations < 400);
   // The twin: at order 2, where steps may follow, all of it is looked at.
   KnownEta second([](double t) { return std::cos(t / h); });
-  CHECK(scout(second, h, false, 1e-13).duration >= 400.0 * h * (1.0 - 1e-9));
+  CHECK(look_ahead(second, h, false, 1e-13).duration >= 400.0 * h * (1.0 - 1e-9));
 }
 
-TEST_CASE("A scout does not look beyond a blow-up") {
+TEST_CASE("A look-ahead does not look beyond a blow-up") {
   /// K has terms that grow by 10⁴⁰ with every step.
   class Exploding final : public LevelScheme {
   public:
@@ -198,12 +198,12 @@ TEST_CASE("A scout does not look beyond a blow-up") {
     double h_ = 0.0, terms_ = 1.0;
   };
   Exploding scheme;
-  const Scouting seen = scout(scheme, h, false, 1e-13);
+  const LookAhead seen = look_ahead(scheme, h, false, 1e-13);
   CHECK(seen.eta.size() == 3);  // terms of 1, 1e40 and 1e80
   CHECK(seen.energy_size == Approx(1e80));
 }
 
-TEST_CASE("a scout that is interrupted leaves the scheme where it stood") {
+TEST_CASE("a look-ahead that is interrupted leaves the scheme where it stood") {
   std::atomic<bool> asked = false;
   int seen = 0;
   KnownEta scheme([&](double) {
@@ -213,12 +213,12 @@ TEST_CASE("a scout that is interrupted leaves the scheme where it stood") {
   const double start = scheme.time;
   {
     const Interruptible here(&asked);
-    CHECK_THROWS_AS(scout(scheme, 0.01, false, 1e-13), Interrupted);
+    CHECK_THROWS_AS(look_ahead(scheme, 0.01, false, 1e-13), Interrupted);
   }
   CHECK(seen == 5);
   CHECK(scheme.time == start);
   // The twin: outside of its scope the flag ends nothing.
   seen = 0;
   asked = false;
-  CHECK(scout(scheme, 0.01, false, 1e-13).eta.size() > 5);
+  CHECK(look_ahead(scheme, 0.01, false, 1e-13).eta.size() > 5);
 }

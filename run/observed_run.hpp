@@ -14,7 +14,7 @@
 #include <rubato/run/output_times.hpp>
 #include <rubato/run/row_sink.hpp>
 #include <rubato/run/simulation.hpp>
-#include <rubato/run/tangent_teller.hpp>
+#include <rubato/run/tangent_writer.hpp>
 #include <rubato/run/verdict_meter.hpp>
 #include <rubato/variation/off_law_causes.hpp>
 
@@ -26,18 +26,19 @@ namespace rubato {
 [[nodiscard]] std::vector<std::optional<std::size_t>> expected_rows(const record::Layout& layout,
                                                                     const Problem& problem, std::size_t levels);
 
-/// A simulation and all that is told of it, block by block: the rows of its record, and the statistics, which are made
-/// of the same numbers. `run` sends the rows into the record; `check --replay` compares them with one.
-class Chronicle {
+/// A simulation and all that is reported on it, block by block: the rows of its record, and the statistics, which are
+/// made of the same numbers. `run` sends the rows into the record; `check --replay` compares them with one.
+class ObservedRun {
 public:
   /// \throws ProblemError
-  Chronicle(const Problem& problem, bool tangents);
+  ObservedRun(const Problem& problem, bool tangents);
 
   [[nodiscard]] Simulation& simulation() { return *simulation_; }
   [[nodiscard]] const Simulation& simulation() const { return *simulation_; }
   [[nodiscard]] const figures::Statistics& statistics() const { return statistics_; }
   [[nodiscard]] figures::Statistics& statistics() { return statistics_; }
-  /// What is told of a run that ends here: the statistics, with the errors and the step potential of its simulation.
+  /// What is reported on a run that ends here: the statistics, with the errors and the step potential of its
+  /// simulation.
   [[nodiscard]] figures::Statistics final_statistics();
   /// The measures of the verdict: of the levels so far, and for saving; those of a run that ends here.
   ///@{
@@ -51,20 +52,20 @@ public:
   [[nodiscard]] std::size_t last_stored() const { return stored_; }
 
   /// The level that the simulation starts from, and its state.
-  void tell_start(RowSink& sink);
+  void append_start(RowSink& sink);
   /// Simulation::take(); one step where an event may end the run with it.
   const StepReport& take(std::size_t most) { return simulation_->take(may_stop_ ? 1 : most); }
   /// The steps taken and the levels they led to: rows of those that have some, and states of every n-th.
   /// \throws record::NotFinite where a record would refuse the row of a level, whether it has one or not
-  void tell_steps(RowSink& sink);
+  void append_steps(RowSink& sink);
   /// The state of the present level.
-  void tell_state(RowSink& sink) { tell_states(sink, statistics_.steps, 1, 1); }
+  void append_state(RowSink& sink) { append_states(sink, statistics_.steps, 1, 1); }
   /// The row of the present level.
-  void tell_row(RowSink& sink) { rows_.append_to(sink, statistics_.steps == 0, 1, 1); }
-  /// What is told of the last level of a run, if it was not yet: its row, its state, and its quantities where they are
-  /// told at levels.
-  void tell_last(RowSink& sink);
-  /// Whether an event has ended the run.
+  void append_row(RowSink& sink) { rows_.append_to(sink, statistics_.steps == 0, 1, 1); }
+  /// What is reported on the last level of a run, if it was not yet: its row, its state, and its quantities where they
+  /// are reported at levels.
+  void append_last(RowSink& sink);
+  /// True if an event has ended the run.
   [[nodiscard]] bool stopped() const { return statistics_.stopped_by() != nullptr; }
   /// How many rows there are under /output, and in how many of them something is not defined.
   ///@{
@@ -91,17 +92,17 @@ private:
     rows_.look_at(place);
   }
   /// Of the level that is looked at, of this number, and of every `stride`-th after it, `count` in all.
-  void tell_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride);
+  void append_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride);
   /// At the output times that the step to the level has come to, or at the level.
-  void tell_outputs(RowSink& sink, std::size_t number);
+  void append_outputs(RowSink& sink, std::size_t number);
   void take_tangents(RowSink& sink);
-  void tell_output_of_level(RowSink& sink);
+  void append_output_of_level(RowSink& sink);
 
   const Problem& problem_;
   std::unique_ptr<Simulation> simulation_;
   std::unique_ptr<OutputMaker> output_;
-  std::unique_ptr<EventTeller> events_;
-  std::unique_ptr<TangentTeller> tangents_;
+  std::unique_ptr<EventWriter> events_;
+  std::unique_ptr<TangentWriter> tangents_;
   OutputTimes times_;
   record::Layout layout_;
   struct Columns {

@@ -1,4 +1,4 @@
-#include <rubato/run/chronicle.hpp>
+#include <rubato/run/observed_run.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -61,7 +61,7 @@ std::vector<std::optional<std::size_t>> expected_rows(const record::Layout& layo
   return rows;
 }
 
-Chronicle::Chronicle(const Problem& problem, bool tangents)
+ObservedRun::ObservedRun(const Problem& problem, bool tangents)
     : problem_(problem),
       simulation_(make_simulation(problem, tangents)),
       output_(make_output(problem)),
@@ -82,7 +82,7 @@ Chronicle::Chronicle(const Problem& problem, bool tangents)
 }
 
 /// The columns that every record has.
-void Chronicle::describe(int threads) {
+void ObservedRun::describe(int threads) {
   using record::Type;
   layout_ = {.title = problem_.title,
              .problem = problem_.text,
@@ -157,23 +157,23 @@ void Chronicle::describe(int threads) {
   }
 }
 
-void Chronicle::tell_start(RowSink& sink) {
+void ObservedRun::append_start(RowSink& sink) {
   rows_.pass_on_to(sink);
   const NodeEnergy node = simulation_->node();
   take_level(0, {.t = simulation_->t(), .node_energy = node.energy, .gamma = node.gamma}, 0.0);
-  tell_row(sink);
-  tell_state(sink);
+  append_row(sink);
+  append_state(sink);
   if (tangents_ != nullptr) {
     tangents_->append_state(sink);
   }
-  tell_outputs(sink, 0);
+  append_outputs(sink, 0);
   if (events_ != nullptr) {
     const OutputStep start = simulation_->last();
     events_->begin(sink, start.z_1, start.t_1, statistics_.events);
   }
 }
 
-void Chronicle::take_level(std::size_t number, const figures::LevelFigures& level, double rounding) {
+void ObservedRun::take_level(std::size_t number, const figures::LevelFigures& level, double rounding) {
   statistics_.add_level(level);
   rows_.put(columns_.t, level.t);
   if (columns_.time) {
@@ -200,7 +200,7 @@ void Chronicle::take_level(std::size_t number, const figures::LevelFigures& leve
   meter_.add_level(*simulation_, number, level.node_energy, rounding);
 }
 
-void Chronicle::take_step(const TakenStep& taken) {
+void ObservedRun::take_step(const TakenStep& taken) {
   const StepReport& report = taken.report;
   causes_.add(report);
   const figures::StepFigures step{.h = report.h,
@@ -234,7 +234,7 @@ void Chronicle::take_step(const TakenStep& taken) {
   }
 }
 
-void Chronicle::tell_steps(RowSink& sink) {
+void ObservedRun::append_steps(RowSink& sink) {
   const std::span<const TakenStep> taken = simulation_->taken();
   const std::size_t before = statistics_.steps, count = taken.size();
   rows_.pass_on_to(sink);
@@ -247,21 +247,21 @@ void Chronicle::tell_steps(RowSink& sink) {
     }
   }
   rows_.require_finite(count, before + 1);
-  // tell(number, count): of every n-th level in the block, if there are any
-  const auto of_every = [&](std::int64_t n, const auto& tell) {
+  // show(number, count): of every n-th level in the block, if there are any
+  const auto of_every = [&](std::int64_t n, const auto& write) {
     const auto every = static_cast<std::size_t>(n);
     const std::size_t first = every - before % every;  // steps from there
     if (first <= count) {
       look_at(first - 1);
-      tell(before + first, (count - first) / every + 1, every);
+      write(before + first, (count - first) / every + 1, every);
     }
   };
   of_every(problem_.output.states_every(), [&](std::size_t number, std::size_t stored, std::size_t every) {
-    tell_states(sink, number, stored, every);
+    append_states(sink, number, stored, every);
   });
   for (std::size_t place = 0; place < count && (output_ != nullptr || events_ != nullptr); ++place) {
     look_at(place);
-    tell_outputs(sink, before + place + 1);
+    append_outputs(sink, before + place + 1);
     if (events_ != nullptr) {
       events_->append(rows_, simulation_->last(), statistics_.events);
     }
@@ -271,7 +271,7 @@ void Chronicle::tell_steps(RowSink& sink) {
   look_at(count - 1);
 }
 
-figures::Statistics Chronicle::final_statistics() {
+figures::Statistics ObservedRun::final_statistics() {
   figures::Statistics result = statistics_;
   result.errors = simulation_->errors();
   result.measures = final_measures();
@@ -286,14 +286,14 @@ figures::Statistics Chronicle::final_statistics() {
   return result;
 }
 
-void Chronicle::tell_outputs(RowSink& sink, std::size_t number) {
+void ObservedRun::append_outputs(RowSink& sink, std::size_t number) {
   if (output_ == nullptr) {
     return;
   }
   const OutputStep step = simulation_->last();
   if (!problem_.output.has_times()) {
     if (number % static_cast<std::size_t>(problem_.output.every) == 0) {
-      tell_output_of_level(sink);
+      append_output_of_level(sink);
     }
     return;
   }
@@ -306,7 +306,7 @@ void Chronicle::tell_outputs(RowSink& sink, std::size_t number) {
 }
 
 /// Of the step to the level that is looked at, which was counted already.
-void Chronicle::take_tangents(RowSink& sink) {
+void ObservedRun::take_tangents(RowSink& sink) {
   const OutputStep step = simulation_->last();
   tangents_->take(step);
   tangents_->append_step(rows_);
@@ -316,30 +316,30 @@ void Chronicle::take_tangents(RowSink& sink) {
   }
 }
 
-void Chronicle::tell_output_of_level(RowSink& sink) {
+void ObservedRun::append_output_of_level(RowSink& sink) {
   const OutputStep step = simulation_->last();
   sink.append(columns_.output_t, step.end());
   undefined_outputs_ += output_->append(sink, step.z_1, step.end()) ? 0 : 1;
   ++outputs_;
 }
 
-void Chronicle::tell_last(RowSink& sink) {
+void ObservedRun::append_last(RowSink& sink) {
   if (!problem_.levels.stored_at(statistics_.steps)) {
-    tell_row(sink);
+    append_row(sink);
   }
   if (stored_ != statistics_.steps) {
-    tell_state(sink);
+    append_state(sink);
     if (tangents_ != nullptr) {
       tangents_->append_state(sink);
     }
   }
   if (output_ != nullptr && !problem_.output.has_times() &&
       statistics_.steps % static_cast<std::size_t>(problem_.output.every) != 0) {
-    tell_output_of_level(sink);
+    append_output_of_level(sink);
   }
 }
 
-void Chronicle::tell_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride) {
+void ObservedRun::append_states(RowSink& sink, std::size_t number, std::size_t count, std::size_t stride) {
   sink.append_rows(columns_.state_t, count, rows_.values(columns_.t, count, stride));
   numbers_of_states_.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
@@ -350,14 +350,14 @@ void Chronicle::tell_states(RowSink& sink, std::size_t number, std::size_t count
   stored_ = number + (count - 1) * stride;
 }
 
-void Chronicle::save(StateWriter& state) const {
+void ObservedRun::save(StateWriter& state) const {
   simulation_->save(state);
   causes_.save(state);
   statistics_.save(state);
   save_output(state);
 }
 
-void Chronicle::save_output(StateWriter& state) const {
+void ObservedRun::save_output(StateWriter& state) const {
   state.write(static_cast<double>(stored_));
   if (output_ != nullptr) {
     state.write(static_cast<double>(outputs_));
@@ -375,13 +375,13 @@ void Chronicle::save_output(StateWriter& state) const {
   }
 }
 
-std::size_t Chronicle::values_after_statistics() const {
+std::size_t ObservedRun::values_after_statistics() const {
   StateWriter output;
   save_output(output);
   return output.values().size();
 }
 
-void Chronicle::restore(StateReader& state) {
+void ObservedRun::restore(StateReader& state) {
   simulation_->restore(state);
   causes_.restore(state);
   statistics_.restore(state);

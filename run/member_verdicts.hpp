@@ -13,7 +13,7 @@ namespace rubato {
 
 /// The warnings and verdicts of many runs, gathered: the members of an ensemble, or the runs of `converge`. Warnings
 /// that differ in their numbers only are one.
-class MemberFindings {
+class MemberVerdicts {
 public:
   /// A run in the order of their numbers. \param label how a person recognises it; empty: by its number \param ended
   /// whether it reached its end: only then its verdict counts

@@ -16,13 +16,13 @@
 
 namespace rubato {
 
-/// What a record tells under /tangents: of every step ln r_ii of the tangent vectors and the defect of the two-form, at
+/// What a record shows under /tangents: of every step ln r_ii of the tangent vectors and the defect of the two-form, at
 /// every stored level the state-transition matrix and the derivatives by parameters. A run and the check of its record
 /// make it of the same levels by the same code.
-class TangentTeller {
+class TangentWriter {
 public:
   /// \throws ProblemError at [scheme] tangents, if the scheme has no tangent of what is asked for
-  explicit TangentTeller(const Problem& problem);
+  explicit TangentWriter(const Problem& problem);
 
   /// What the tangent vectors are called.
   [[nodiscard]] std::vector<std::string> names() const;
@@ -58,6 +58,6 @@ private:
 };
 
 /// Nothing where the problem asks for none.
-[[nodiscard]] std::unique_ptr<TangentTeller> make_tangents(const Problem& problem);
+[[nodiscard]] std::unique_ptr<TangentWriter> make_tangents(const Problem& problem);
 
 }  // namespace rubato
