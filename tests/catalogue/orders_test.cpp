@@ -151,7 +151,7 @@ void check_fourier(bool costly) {
 
 }  // namespace
 
-TEST_CASE("the table of orders has every lattice of the catalogue that has an exact solution") {
+TEST_CASE("the table of orders has every periodic lattice of the catalogue that has an exact solution") {
   std::vector<std::string> listed;
   for (const Row& row : rows()) {
     listed.push_back(row.name);
@@ -159,7 +159,8 @@ TEST_CASE("the table of orders has every lattice of the catalogue that has an ex
   std::vector<std::string> shipped;
   for (const catalogue::Entry& entry : catalogue::entries()) {
     const rubato::Problem problem = rubato::read_problem(std::string(entry.name));
-    if (problem.multisymplectic() != nullptr && !problem.multisymplectic()->exact.empty()) {
+    if (problem.multisymplectic() != nullptr && !problem.multisymplectic()->exact.empty() &&
+        std::ranges::none_of(problem.multisymplectic()->axes, &rubato::GridAxis::has_walls)) {
       shipped.emplace_back(entry.name);
     }
   }

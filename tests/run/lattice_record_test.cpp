@@ -91,11 +91,12 @@ void check_reproduces(const std::string& name, const std::string& lagrangian, co
 
 }  // namespace
 
-TEST_CASE("check reproduces the box run of every catalogue lattice", "[run][lattice]") {
+TEST_CASE("check reproduces the box run of every periodic lattice of the catalogue", "[run][lattice]") {
   const Folder folder;
   int lattices = 0;
   for (const CatalogueItem& item : list_catalogue()) {
-    if (item.is_lattice) {
+    if (item.is_lattice &&
+        std::ranges::none_of(read_problem(item.name).multisymplectic()->axes, &GridAxis::has_walls)) {
       check_reproduces(item.name, "box", folder / "lattice.h5");
       ++lattices;
     }
