@@ -11,8 +11,7 @@ std::string momentum_name(bool balance, const grids::Grid& grid, int axis) {
                      grid.dimensions() == 1 ? "" : grid.axis(axis).name);
 }
 
-LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g,
-                     const std::vector<LinearSymmetry>& stated)
+LawTables::LawTables(const MultisymplecticSystem& s, const grids::Grid& g, const std::vector<LinearSymmetry>& stated)
     : system(s), grid(g), symmetries(stated), d(s.field_count()), directions(1 + g.dimensions()) {
   const FieldStructure& structure = system.structure();
   const auto matrix = [&](int mu) -> const Eigen::MatrixXd& { return mu == time ? s.M() : s.K(mu - 1); };

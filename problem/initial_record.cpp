@@ -329,8 +329,8 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
     const auto box = [](const grids::Grid& of) {
       std::vector<std::string> sides;
       for (const grids::Axis& axis : of.axes()) {
-        sides.push_back(fmt::format("{} from {} to {}{}", axis.name, axis.from, axis.to,
-                                    axis.has_walls() ? " between walls" : ""));
+        sides.push_back(
+            fmt::format("{} from {} to {}{}", axis.name, axis.from, axis.to, axis.has_walls() ? " between walls" : ""));
       }
       return fmt::format("{}", fmt::join(sides, ", "));
     };

@@ -20,8 +20,8 @@
 
 using namespace rubato;
 using namespace rubato::run_tests;
-using rubato::tests::Folder;
 using Catch::Contains;
+using rubato::tests::Folder;
 
 namespace {
 
