@@ -15,7 +15,7 @@ using grids::End;
 
 /// Parts of the largest value of a field, or of its largest difference of neighbours: more than this is no meeting, and
 /// what is between is reported.
-constexpr double not_met = 0.01, met_to_rounding = 1e-12, flat = 0.01;
+constexpr double not_met = 0.01, met_to_rounding = 1e-12, flat_slope = 0.01;
 
 /// One wall of a box.
 struct WallPlace {
@@ -188,7 +188,7 @@ private:
         const double second = (-3.0 * at[0] + 4.0 * at[step] - at[2 * step]) / 2.0;
         slope = std::abs(third) > std::abs(third - second) ? std::max(slope, std::abs(third)) : slope;
       });
-      if (slope > flat * most) {
+      if (slope > flat_slope * most) {
         cautions_.push_back(fmt::format(
             "the slope of {0} is {1:.2g} at the wall at {2}, which asks for 0: the kink runs into the domain as short "
             "waves; give initial data that meet the wall",
