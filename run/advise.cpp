@@ -30,6 +30,8 @@ constexpr double largest_change = 6.0;
 constexpr double aimed_part = 0.6, least_part = 0.1;
 /// Of fewer steps in a trial no order is seen.
 constexpr double fewest_steps = 10.0;
+/// Every scheme is of order 1 or more: a smaller one shows that the error does not fall by an order yet.
+constexpr double least_order = 0.5;
 /// The largest factor of the cells to extrapolate to: rough data need more, and other means.
 constexpr double most_refinement = 32.0;
 /// The range of a target that follows from the problem's own error.
@@ -50,7 +52,8 @@ RefinementEstimate estimate_of(const ConvergenceOutcome& outcome, bool of_grid) 
     const Refinement& refinement = of_grid ? *quantity.grid : quantity.step;
     const double error = refinement.error() / quantity.scale;
     if (std::isfinite(error) && error > estimate.error) {  // a quantity may be undefined, or 0
-      estimate = {.error = error, .order = refinement.order()};
+      const auto order = refinement.order();
+      estimate = {.error = error, .order = order && *order >= least_order ? order : std::nullopt};
     }
   }
   return estimate;
