@@ -105,9 +105,13 @@ private:
       findings_.same(path, row, {}, stored, levels_.t[*at], "/levels/t of the level before");
     } else if (const auto step = levels_.step_to(row)) {
       const double expected = levels_.state_t[row] - levels_.h[*step];
+      // Levels are t_0 + k h: k h is rounded, then the sum, at both levels, and then their difference.
       findings_.compare(
           path, row, {}, stored, expected,
-          [&] { return 2.0 * epsilon * std::max(std::abs(levels_.state_t[row]), std::abs(expected)); },
+          [&] {
+            return epsilon *
+                   (std::abs(levels_.t.front()) + 2.5 * std::max(std::abs(levels_.state_t[row]), std::abs(expected)));
+          },
           "the stored level less its step, /levels/h");
     }
   }
