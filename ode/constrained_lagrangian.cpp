@@ -239,12 +239,7 @@ public:
     start_level();
   }
 
-  [[nodiscard]] std::string failure_reason() const override {
-    return dependent_.empty()
-               ? std::string()
-               : fmt::format("the gradient of the constraint {} vanishes, or depends on those of the others, near {}",
-                             dependent_, listed(q_names_, node_));
-  }
+  [[nodiscard]] std::string failure_reason() const override { return dependence_near(dependent_, q_names_, node_); }
 
 private:
   static constexpr double beside_others = 0.25;
@@ -482,9 +477,7 @@ void check_velocities(const Lagrangian& lagrangian, std::span<const double> q, s
   for (int pass = 0; pass < 2; ++pass) {
     velocity -= at.G().transpose() * (at.G() * at.G().transpose()).colPivHouseholderQr().solve(at.G() * velocity);
   }
-  throw std::invalid_argument(
-      fmt::format("the start does not satisfy the hidden constraints, d/dt of {}; start with {}, the projection",
-                  listed(lagrangian.constraints().names(), rates), listed(lagrangian.velocity_names(), velocity)));
+  refuse_start_off_hidden(lagrangian.constraints(), rates, listed(lagrangian.velocity_names(), velocity));
 }
 
 }  // namespace

@@ -200,10 +200,7 @@ public:
   }
 
   [[nodiscard]] std::string failure_reason() const override {
-    return dependent_.empty()
-               ? std::string()
-               : fmt::format("the gradient of the constraint {} vanishes, or depends on those of the others, near {}",
-                             dependent_, listed(q_names_, end_.head(n_)));
+    return dependence_near(dependent_, q_names_, end_.head(n_));
   }
 
   /// Requires G ∇T(p) = 0 to rounding at the start. \throws std::invalid_argument, with the momenta that satisfy it
@@ -215,13 +212,10 @@ public:
     if (at_.left(rates_, T_.velocity()).in_roundings <= roundings_of_start) {
       return;
     }
-    const std::string values = listed(constraints_.names(), rates_);
+    const VectorXd rates = rates_;
     node_.entries = at_.entries();
     const bool found = project() == Status::success;
-    throw std::invalid_argument(
-        fmt::format("the start does not satisfy the hidden constraints, d/dt of {}; {}", values,
-                    found ? fmt::format("start with {}, the projection", listed(p_names, end_.tail(n_)))
-                          : "start with velocities along the constraints"));
+    refuse_start_off_hidden(constraints_, rates, found ? listed(p_names, end_.tail(n_)) : std::string());
   }
 
 private:

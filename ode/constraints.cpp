@@ -205,4 +205,18 @@ void check_constraints(const Constraints& constraints, std::span<const std::stri
   throw std::invalid_argument(fmt::format("the start does not satisfy the constraints: {}; {}", values, remedy));
 }
 
+void refuse_start_off_hidden(const Constraints& constraints, const VectorXd& rates, const std::string& projection) {
+  throw std::invalid_argument(fmt::format(
+      "the start does not satisfy the hidden constraints, d/dt of {}; {}", listed(constraints.names(), rates),
+      projection.empty() ? "start with velocities along the constraints"
+                         : fmt::format("start with {}, the projection", projection)));
+}
+
+std::string dependence_near(const std::string& name, std::span<const std::string> q_names, const VectorXd& q) {
+  return name.empty()
+             ? std::string()
+             : fmt::format("the gradient of the constraint {} vanishes, or depends on those of the others, near {}",
+                           name, listed(q_names, q));
+}
+
 }  // namespace rubato

@@ -103,6 +103,13 @@ private:
 /// Requires initial data that satisfy g(q) = 0 to rounding, with independent gradients. \throws std::invalid_argument
 /// with the sizes, and the nearest q that satisfies them (Newton's method along G) as the remedy
 void check_constraints(const Constraints& constraints, std::span<const std::string> q_names, std::span<const double> q);
+/// Throws std::invalid_argument: G v is not 0 at the start. `projection` lists momenta or velocities that satisfy it;
+/// empty where none were found.
+[[noreturn]] void refuse_start_off_hidden(const Constraints& constraints, const Eigen::VectorXd& rates,
+                                          const std::string& projection);
+/// Why a step fails near q: the gradient of the constraint of that name depends on others; empty for no name.
+[[nodiscard]] std::string dependence_near(const std::string& name, std::span<const std::string> q_names,
+                                          const Eigen::VectorXd& q);
 /// "x = 1, y = 2", with all digits of the numbers.
 [[nodiscard]] std::string listed(std::span<const std::string> names, const Eigen::VectorXd& values);
 

@@ -17,6 +17,7 @@
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
+#include "problem_texts.hpp"
 #include "records.hpp"
 #include "report/page_reader.hpp"
 #include "run/mailboxes.hpp"
@@ -27,13 +28,6 @@ using namespace rubato::run_tests;
 using Catch::Matchers::Contains;
 
 namespace {
-
-using Settings = std::vector<std::string>;
-
-Settings joined(Settings one, const Settings& other) {
-  one.insert(one.end(), other.begin(), other.end());
-  return one;
-}
 
 const Settings soliton = {"scheme.lagrangian=fourier", "scheme.step=0.02", "scheme.until=2"};
 const Settings schroedinger = {"scheme.lagrangian=fourier", "grid.x.cells=151", "scheme.step=0.05"};

@@ -16,6 +16,7 @@
 #include <rubato/run/converge.hpp>
 #include <rubato/run/run.hpp>
 
+#include "problem_texts.hpp"
 #include "records.hpp"
 #include "run/mailboxes.hpp"
 #include "run/shared_lattices.hpp"
@@ -68,11 +69,6 @@ Problem problem_of(const Settings& settings) {
   return parse_problem(kink, "kink.toml", settings);
 }
 
-Settings joined(Settings one, const Settings& other) {
-  one.insert(one.end(), other.begin(), other.end());
-  return one;
-}
-
 Outcome outcome_of(const Settings& settings) {
   const Folder folder;
   Outcome outcome = run(problem_of(settings), {.output = folder / "a.h5", .threads = 1});
@@ -91,19 +87,8 @@ const figures::Deviation& invariant(const Outcome& outcome, const std::string& n
   return found->value;
 }
 
-std::string message(const Settings& settings, const std::string& problem = kink) {
-  try {
-    static_cast<void>(parse_problem(problem, "kink.toml", settings));
-  } catch (const ProblemError& error) {
-    return error.what();
-  }
-  return "";
-}
-
-std::string with(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
+std::string message(const Settings& settings, const std::string& text = kink) {
+  return refusal(text, "kink.toml", settings);
 }
 
 }  // namespace

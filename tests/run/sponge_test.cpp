@@ -14,6 +14,7 @@
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
+#include "problem_texts.hpp"
 #include "records.hpp"
 #include "run/mailboxes.hpp"
 #include "run/shared_lattices.hpp"
@@ -51,11 +52,6 @@ Problem problem_of(const Settings& settings, const std::string& text = packet) {
   return parse_problem(text, "packet.toml", settings);
 }
 
-Settings joined(Settings one, const Settings& other) {
-  one.insert(one.end(), other.begin(), other.end());
-  return one;
-}
-
 Outcome outcome_of(const Settings& settings, const std::string& text = packet) {
   const Folder folder;
   Outcome outcome = run(problem_of(settings, text), {.output = folder / "a.h5", .threads = 1});
@@ -63,29 +59,12 @@ Outcome outcome_of(const Settings& settings, const std::string& text = packet) {
   return outcome;
 }
 
-const figures::Deviation& named(const std::vector<figures::Named<figures::Deviation>>& all, const std::string& name) {
-  const auto found = std::ranges::find(all, name, &figures::Named<figures::Deviation>::name);
-  REQUIRE(found != all.end());
-  return found->value;
-}
-
 double lost(const Outcome& outcome) {
   return named(outcome.statistics.totals, "energy_lost").max();
 }
 
 std::string message(const Settings& settings, const std::string& text = packet) {
-  try {
-    static_cast<void>(problem_of(settings, text));
-  } catch (const ProblemError& error) {
-    return error.what();
-  }
-  return "";
-}
-
-std::string with(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
+  return refusal(text, "packet.toml", settings);
 }
 
 }  // namespace

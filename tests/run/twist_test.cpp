@@ -17,6 +17,7 @@
 #include <rubato/run/converge.hpp>
 #include <rubato/run/run.hpp>
 
+#include "problem_texts.hpp"
 #include "records.hpp"
 #include "run/mailboxes.hpp"
 #include "run/shared_lattices.hpp"
@@ -76,11 +77,6 @@ Problem problem_of(const Settings& settings, const std::string& text = bloch_wav
   return parse_problem(text, "bloch.toml", settings);
 }
 
-Settings joined(Settings one, const Settings& other) {
-  one.insert(one.end(), other.begin(), other.end());
-  return one;
-}
-
 Outcome outcome_of(const Settings& settings, const std::string& text = bloch_wave) {
   const Folder folder;
   Outcome outcome = run(problem_of(settings, text), {.output = folder / "a.h5", .threads = 1});
@@ -92,26 +88,8 @@ double error_of(const Settings& settings) {
   return outcome_of(settings).statistics.errors.front().value.largest();
 }
 
-template <typename Value>
-const Value& named(const std::vector<figures::Named<Value>>& all, const std::string& name) {
-  const auto found = std::ranges::find(all, name, &figures::Named<Value>::name);
-  REQUIRE(found != all.end());
-  return found->value;
-}
-
 std::string message(const Settings& settings, const std::string& text = bloch_wave) {
-  try {
-    static_cast<void>(problem_of(settings, text));
-  } catch (const ProblemError& error) {
-    return error.what();
-  }
-  return "";
-}
-
-std::string with(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
+  return refusal(text, "bloch.toml", settings);
 }
 
 }  // namespace

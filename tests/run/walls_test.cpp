@@ -15,6 +15,7 @@
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
+#include "problem_texts.hpp"
 #include "records.hpp"
 
 using namespace rubato;
@@ -22,8 +23,6 @@ using namespace rubato::run_tests;
 using Catch::Matchers::Contains;
 
 namespace {
-
-using Settings = std::vector<std::string>;
 
 /// Kinks that collide: of two kinks u is odd in x, of a kink and an antikink it is even. Half of the solution is a kink
 /// that a wall at x = 0 returns, where it holds u or leaves it free. At x = 16 what is left of it is below 1e-4.
@@ -60,17 +59,6 @@ const Settings free_walls = {"grid.x.left=free", "initial.u=4*atan(sinh(g*c*t)/(
 constexpr const char* stated_action =
     "scheme.L=((u_10 - u_00)^2 + (u_11 - u_01)^2)/(4*h^2) - ((u_01 - u_00)^2 + (u_11 - u_10)^2)/(4*dx^2) - 1 + "
     "(cos(u_00) + cos(u_01) + cos(u_10) + cos(u_11))/4";
-
-Settings joined(Settings one, const Settings& other) {
-  one.insert(one.end(), other.begin(), other.end());
-  return one;
-}
-
-std::string with(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  REQUIRE(at != std::string::npos);
-  return text.replace(at, from.size(), to);
-}
 
 Outcome outcome_of(const Settings& settings, const std::string& problem = collision) {
   const Folder folder;
