@@ -485,8 +485,10 @@ std::vector<Line> lines_of(const Statistics& statistics) {
         fmt::format("from t = {:.10g}", statistics.start), headline);
   }
   if (statistics.steps > 0) {
-    add(Kind::h, fmt::format("{:.6g} to {:.6g}", statistics.h.min, statistics.h.max),
-        statistics.has_clock() ? "step length, in fictitious time" : "step length", headline);
+    add(Kind::h,
+        fmt::format("{:.6g} to {:.6g}{}", statistics.h.min, statistics.h.max,
+                    statistics.has_clock() ? ", in fictitious time" : ""),
+        "step length", headline);
     if (statistics.balance) {
       add(Kind::energy_less_work, energy_text(statistics), "E_k - W, which the balance (3.4) of a driven system keeps",
           headline);
@@ -495,8 +497,9 @@ std::vector<Line> lines_of(const Statistics& statistics) {
     }
   }
   if (statistics.potential.largest() > 0.0) {
-    add(Kind::step_potential, fmt::format("{:.3g} to {:.3g} of it", statistics.potential.min, statistics.potential.max),
-        "f'(h), contained in the discrete energy", headline);
+    add(Kind::step_potential,
+        fmt::format("{:.3g} to {:.3g}, in the discrete energy", statistics.potential.min, statistics.potential.max),
+        "f'(h)", headline);
   }
   add(statistics.balance       ? Kind::node_energy_less_work
       : statistics.has_clock() ? Kind::node_energy_in_fictitious_time

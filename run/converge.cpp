@@ -261,10 +261,12 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
                             const ConvergeScope& scope) {
   require_refinable(problem, options, "converge");
   const auto begin = std::chrono::steady_clock::now();
-  ConvergenceOutcome outcome{.title = problem.title,
-                             .until = scope.until.value_or(problem.scheme.until),
-                             .step = *problem.scheme.step,
-                             .tolerance = tolerance};
+  ConvergenceOutcome outcome{
+      .title = problem.title,
+      .until = scope.until.value_or(problem.scheme.until),
+      .in_fictitious_time = problem.hamiltonian() != nullptr && problem.hamiltonian()->fictitious_time,
+      .step = *problem.scheme.step,
+      .tolerance = tolerance};
   RefinedRuns comparison(problem, options, outcome.until);
   std::vector<State> steps, grids;
   for (int halvings = 0; halvings < 3; ++halvings) {
@@ -347,8 +349,9 @@ std::string to_json(const ConvergenceOutcome& outcome) {
 }
 
 std::string to_table(const ConvergenceOutcome& outcome) {
-  std::string table = fmt::format("{}\n  errors at t = {:.10g} with step = {:.10g}, by runs with halves and quarters\n",
-                                  outcome.title, outcome.until, outcome.step);
+  std::string table =
+      fmt::format("{}\n  errors at {} {:.10g} with step = {:.10g}, by runs with halves and quarters\n", outcome.title,
+                  outcome.in_fictitious_time ? "fictitious time" : "t =", outcome.until, outcome.step);
   for (const Convergence& quantity : outcome.quantities) {
     table += fmt::format("  {:<16} of {:<10.4g} step: {:<26}", quantity.name, quantity.size, text(quantity.step));
     if (quantity.grid) {

@@ -36,6 +36,7 @@ struct ConvergenceOutcome {
   MemberVerdicts findings = {};  ///< their warnings and verdicts
   std::string title;
   double until = 0.0;
+  bool in_fictitious_time = false;  ///< `until` is
   double step = 0.0;
   std::size_t steps = 0;  ///< that the run with the whole step took
   std::vector<Convergence> quantities = {};

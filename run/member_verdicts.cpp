@@ -121,8 +121,8 @@ std::vector<std::string> MemberVerdicts::warnings(std::string_view plural) const
 }
 
 std::string MemberVerdicts::verdict_text(std::string_view plural) const {
-  std::string text = fmt::format("{} ({} good, {} doubtful, {} lost)", figures::to_string(verdict()), verdicts_[0],
-                                 verdicts_[1], verdicts_[2]);
+  std::string text = fmt::format("{} (of {} {}: {} good, {} doubtful, {} lost)", figures::to_string(verdict()), runs_,
+                                 plural, verdicts_[0], verdicts_[1], verdicts_[2]);
   for (const Cause& cause : causes_) {
     text += fmt::format("{}in {} of {} {}, the worst: {}: {}; {}", &cause == causes_.data() ? ": " : ". ",
                         cause.members, runs_, plural, cause.which, cause.worst.finding, cause.worst.remedy);
