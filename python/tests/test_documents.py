@@ -2,6 +2,7 @@
 
 import doctest
 import importlib.util
+import inspect
 import json
 import os
 import re
@@ -64,38 +65,23 @@ class Documents(unittest.TestCase):
         self.assertGreater(len(names["data"].data_vars), 0)
         self.assertLessEqual(len((SOURCES / "docs/python.md").read_text(encoding="utf-8").split()), 1200)
 
-    #: Of each task SciPy's answer and ours, and by how much they may differ.
-    SAME = [
-        (lambda names: (names["s"].y[:, -1], names["r"].sol(100)), 1e-6),
-        (lambda names: (names["s"].y[:, -1], names["r"].sol(100)), 1e-6),
-        (lambda names: (names["s"].sol(2.5), names["r"].sol(2.5)), 1e-7),
-        (lambda names: (names["s"], names["many"].y[:, :, 0]), 1e-5),
-        (lambda names: (names["s"].y[:401, -1], names["r"].u[-1]), 0.01),
-    ]
-
     @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
-    def test_what_others_write(self):
-        """The same answers, in at most as many lines."""
-        from scipy.integrate import solve_ivp
-
-        text = (SOURCES / "docs/python.md").read_text(encoding="utf-8")
-        tasks = text[text.index("## What others write"):].split("\n**")[1:]
-        self.assertEqual(len(tasks), len(self.SAME))
-        names = {"np": np, "rb": rb, "solve_ivp": solve_ivp,
-                 "pendulum": rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")}
+    def test_other_packages(self):
+        """The same answers as SciPy, in at most as many lines as any package takes."""
+        spec = importlib.util.spec_from_file_location("other_packages", SOURCES / "examples/python/other_packages.py")
+        page = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(page)
         packages = set()
-        for task, (both, tolerance) in zip(tasks, self.SAME):
-            blocks = dict(re.findall(r"^```(?:python|text)\n# (\S+)\n(.*?)^```$", task, re.M | re.S))
-            packages.update(blocks)
-            lines = {package: len(block.splitlines()) for package, block in blocks.items()}
-            self.assertLessEqual(lines["Rubato"], min(lines.values()), task)
-            for package in ("SciPy", "Rubato"):
-                exec(compile(blocks[package], "docs/python.md", "exec"), names)
-            theirs, ours = (np.asarray(value) for value in both(names))
+        for task in page.TASKS:
+            lines = {name: len(inspect.getsource(write).splitlines()) for name, write in vars(task).items()
+                     if inspect.isfunction(write)}
+            packages.update(lines)
+            self.assertLessEqual(lines["rubato"], min(lines.values()), task)
+            theirs, ours = np.asarray(task.scipy()), np.asarray(task.rubato())
             self.assertEqual(theirs.shape, ours.shape)
-            self.assertLess(np.abs(theirs - ours).max(), tolerance, task)
-            self.assertGreater(np.abs(theirs).max(), 20 * tolerance)  # a state of rest would not do
-        self.assertEqual(packages, {"SciPy", "heyoka.py", "REBOUND", "Dedalus", "Rubato"})
+            self.assertLess(np.abs(theirs - ours).max(), task.tolerance, task)
+            self.assertGreater(np.abs(theirs).max(), 20 * task.tolerance)  # a state of rest would not do
+        self.assertEqual(packages, {"scipy", "heyoka", "rebound", "dedalus", "rubato"})
 
     @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
     def test_the_example_of_the_readme(self):
