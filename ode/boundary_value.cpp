@@ -21,10 +21,6 @@ using namespace tuning::boundary_value;
 using Eigen::Index;
 using Eigen::VectorXd;
 
-double largest(const VectorXd& residual) {
-  return residual.size() == 0 ? 0.0 : residual.cwiseAbs().maxCoeff();
-}
-
 void check_guess(const Hamiltonian& hamiltonian, const NodesOfOrbit& guess) {
   const std::size_t size = 2 * hamiltonian.degrees_of_freedom();
   if (guess.dimension != size || guess.h.empty() || guess.z.size() != size * (guess.segments() + 1)) {
@@ -175,86 +171,39 @@ void describe_solution(SegmentEquation& segments, BoundaryValueSolution& solutio
 
 namespace {
 
-/// A correction of Newton's method from where the equations were factored, as much of it as brings the next one down:
-/// the natural monotonicity test |J⁺F(u + λΔu)| <= (1 - λ/4)|Δu| (Deuflhard, Newton Methods for Nonlinear Problems,
-/// Springer 2004, section 3.3), which sees distances from the solution, and not residuals in units of their own.
-class DampedStep {
+/// The equations of a stationary action, with further linear ones.
+class WithConditions final : public solve::Equations {
 public:
-  DampedStep(StationaryAction& equations, std::span<const LinearCondition> further)
-      : equations_(equations), further_(further) {}
-
-  /// Moves u. False where no part of the correction helps.
-  /// \param fraction λ of the last step; of this one when it returns
-  bool take(const Eigen::SparseMatrix<double>& jacobian, const VectorXd& residual, VectorXd& u, double& fraction) {
-    for (double damping = least_damping; damping <= most_damping; damping *= damping_factor) {
-      if (solver_.factor(jacobian, damping) != Status::success ||
-          solver_.solve(residual, correction_) != Status::success) {
-        continue;
-      }
-      for (double part = std::min(1.0, 4.0 * fraction); part >= least_fraction; part *= 0.5) {
-        trial_ = u + part * correction_;
-        if (equations_.evaluate(trial_, trial_residual_, nullptr, further_) == Status::success &&
-            solver_.solve(trial_residual_, next_) == Status::success &&
-            next_.norm() <= (1.0 - 0.25 * part) * correction_.norm()) {
-          u = trial_;
-          fraction = part;
-          return true;
-        }
-      }
-      fraction = 1.0;
-    }
-    return false;
+  WithConditions(StationaryAction& action, std::span<const LinearCondition> further)
+      : action_(action), further_(further) {}
+  Status evaluate(const VectorXd& u, VectorXd& residual, bool with_derivatives) override {
+    return action_.evaluate(u, residual, with_derivatives ? &jacobian_ : nullptr, further_);
   }
-  [[nodiscard]] double size() const { return correction_.norm(); }
-  /// Of the residual where it led to.
-  [[nodiscard]] double residual() const { return largest(trial_residual_); }
+  Status factor(double damping) override { return solver_.factor(jacobian_, damping); }
+  Status solve(const VectorXd& r, VectorXd& x) override { return solver_.solve(r, x); }
+  [[nodiscard]] std::string describe(Index row) const override { return action_.describe(row); }
+  [[nodiscard]] std::string describe_failure() const override {
+    return fmt::format("the step from level {}", action_.failed_segment());
+  }
 
 private:
-  StationaryAction& equations_;
+  StationaryAction& action_;
   std::span<const LinearCondition> further_;
+  Eigen::SparseMatrix<double> jacobian_;
   solve::DampedLeastSquares solver_;
-  VectorXd correction_, trial_, trial_residual_, next_;
 };
 
 }  // namespace
 
 bool find_stationary(StationaryAction& equations, std::span<const LinearCondition> further, int stage,
                      const BoundaryValueOptions& options, VectorXd& u, BoundaryValueSolution& solution) {
-  Eigen::SparseMatrix<double> jacobian;
-  VectorXd residual;
-  solution.status = equations.evaluate(u, residual, &jacobian, further);
-  if (solution.status != Status::success) {
-    solution.worst = fmt::format("the step from level {}", equations.failed_segment());
-    return false;
-  }
-  solution.history.push_back({.stage = stage, .residual = largest(residual)});
-  DampedStep step(equations, further);
-  double fraction = 1.0;
-  for (std::size_t iteration = 0; iteration < options.most_iterations && largest(residual) > 0.0; ++iteration) {
-    VectorXd next = u;
-    const double before = largest(residual), length = u.norm();
-    const bool moved = step.take(jacobian, residual, next, fraction);
-    // Below the tolerance it goes on as long as that makes it much smaller: down to rounding.
-    const bool rounding = before <= options.tolerance && (!moved || step.residual() > 0.25 * before);
-    if (!moved || (rounding && step.residual() >= before)) {
-      break;
-    }
-    u = next;
-    solution.status = equations.evaluate(u, residual, &jacobian, further);
-    solution.history.push_back({.stage = stage,
-                                .residual = largest(residual),
-                                .correction = step.size() / (length + std::numeric_limits<double>::min()),
-                                .fraction = fraction});
-    if (rounding) {
-      break;
-    }
-  }
-  Index row = 0;
-  solution.residual = residual.cwiseAbs().maxCoeff(&row);
-  solution.worst = equations.describe(row);
-  const bool found = solution.residual <= options.tolerance;
-  solution.status = found ? Status::success : Status::not_converged;
-  return found;
+  WithConditions all(equations, further);
+  const solve::NewtonSearch search =
+      solve::find_zero(all, options.tolerance, options.most_iterations, stage, u, solution.history);
+  solution.status = search.status;
+  solution.residual = search.residual;
+  solution.worst = search.worst;
+  return search.status == Status::success;
 }
 
 NodesOfOrbit guess_by_integrating(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian,
@@ -317,13 +266,8 @@ BoundaryValueSolution solve_boundary_value(const Hamiltonian& hamiltonian, EndCo
   };
   const auto give_up = [&](std::string_view where) {
     describe_solution(*segments, solution);
-    if (solution.status == Status::undefined) {
-      solution.message = fmt::format("{}: the equations are not defined at {}", where, solution.worst);
-    } else {
-      solution.message = fmt::format(
-          "{}: Newton's method did not converge; the residual is {:.3g} after {} iterations, the largest in {}", where,
-          solution.residual, solution.history.size(), solution.worst);
-    }
+    const solve::NewtonSearch end{solution.status, solution.residual, solution.worst};
+    solution.message = fmt::format("{}: {}", where, end.message(solution.history.size()));
     return solution;
   };
   if (!search(StationaryAction::Levels::prescribed, 0)) {

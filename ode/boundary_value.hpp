@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rubato/ode/stationary_action.hpp>
+#include <rubato/solve/damped_newton.hpp>
 #include <rubato/variation/time_levels.hpp>
 
 namespace rubato {
@@ -20,13 +21,7 @@ struct BoundaryValueOptions {
   std::size_t most_iterations = 100;
 };
 
-/// An iteration of Newton's method.
-struct NewtonIteration {
-  int stage = 0;            ///< 0: equal levels; 1: levels by the step law; 2: free levels
-  double residual = 0.0;    ///< max |residual| after it, scaled
-  double correction = 0.0;  ///< |Δu| over |u|; 0 where the iteration starts
-  double fraction = 0.0;    ///< how much of it was taken: 1 but for damping
-};
+using solve::NewtonIteration;
 
 /// A stationary orbit, or how far the search came.
 struct BoundaryValueSolution {
@@ -37,6 +32,7 @@ struct BoundaryValueSolution {
   double mean_energy = 0.0;         ///< Σ h_k K_k / Σ h_k
   double residual = 0.0;            ///< max |residual|, scaled (StationaryAction)
   std::string worst = {};           ///< the equation that leaves most
+  /// Stage 0 has equal levels, 1 levels by the step law, 2 free ones.
   std::vector<NewtonIteration> history = {};
   Status status = Status::not_converged;
   std::string message = {};  ///< for people; empty on success

@@ -8,6 +8,7 @@
 
 #include <rubato/ode/tuning.hpp>
 #include <rubato/solve/damped_least_squares.hpp>
+#include <rubato/solve/tuning.hpp>
 
 namespace rubato {
 
@@ -110,7 +111,7 @@ private:
     }
     residual.setZero();
     residual[residual.size() - 1] = -1.0;
-    if (solver_.factor(jacobian, tuning::boundary_value::least_damping) != Status::success ||
+    if (solver_.factor(jacobian, tuning::damped_newton::least_damping) != Status::success ||
         solver_.solve(residual, direction) != Status::success || !(direction.norm() > 0.0)) {
       return std::nullopt;
     }

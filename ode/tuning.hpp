@@ -13,14 +13,6 @@
 /// Boundary-value problems (boundary_value.cpp, end_conditions.cpp).
 namespace rubato::tuning::boundary_value {
 
-/// Damping s beside a matrix of entries about 1 (DampedLeastSquares). At the least one a direction in which solutions
-/// are not isolated keeps seven digits free of rounding; a direction with the singular value 1e-6 converges by a factor
-/// of 1e-6 an iteration.
-inline constexpr double least_damping = 1e-9;
-/// More than the least one is tried, by this factor and up to the most, where no part of a correction helps.
-inline constexpr double damping_factor = 100.0, most_damping = 0.1;
-/// Of a correction that is tried.
-inline constexpr double least_fraction = 1e-3;
 /// Of free levels: the smallest |η| beside the largest at which the pure law is taken.
 inline constexpr double margin = 0.05;
 /// Else (μ beside the largest |η|): the bracket η + μ then varies by a factor of 3.

@@ -25,6 +25,22 @@ inline constexpr std::size_t cells_of_rank = 16;
 
 }  // namespace rubato::tuning::cyclic_block
 
+/// Newton's method with corrections of least norm (damped_newton.cpp).
+namespace rubato::tuning::damped_newton {
+
+/// Damping s beside a matrix of entries about 1 (DampedLeastSquares). At the least one a direction in which solutions
+/// are not isolated keeps seven digits free of rounding; a direction with the singular value 1e-6 converges by a factor
+/// of 1e-6 an iteration.
+inline constexpr double least_damping = 1e-9;
+/// More than the least one is tried, by this factor and up to the most, where no part of a correction helps.
+inline constexpr double damping_factor = 100.0, most_damping = 0.1;
+/// Of a correction that is tried.
+inline constexpr double least_fraction = 1e-3;
+/// Residuals of size 1 that count as 0: an iteration that tends to u = 0 has no rounding error to stop at.
+inline constexpr double least_residual = 1e-20;
+
+}  // namespace rubato::tuning::damped_newton
+
 /// Dense systems (dense_solver.cpp).
 namespace rubato::tuning::dense {
 
