@@ -100,7 +100,8 @@ constexpr std::array<TableEntry, 41> all_tables{{
     {"section", "a Poincare section: an event that is drawn on the page, by its first two quantities"},
     {"solve",
      "a boundary-value problem of an orbit, for `rubato solve`: the action is made stationary between two ends. The "
-     "guess is the orbit from [initial] until the end that [scheme] states"},
+     "guess is the orbit from [initial] until the end that [scheme] states. Of a lattice of one dimension: a periodic "
+     "orbit, with ends, period, energy, steps, tolerance and max_iterations"},
     {"solve.ends", "ends = { q_0 = 0, q_1 = \"pi/2\" }: values at the start, NAME_0, and at the end, NAME_1",
      "a coordinate or momentum with _0 or _1"},
     {"solve.jump", "what coordinates and momenta grow by in a period: { q = \"2*pi\" }", "a coordinate or a momentum"},

@@ -10,9 +10,9 @@
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/orbit_methods.hpp>
-#include <rubato/problem/keys.hpp>
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/problem/reader.hpp>
+#include <rubato/problem/solve_entries.hpp>
 
 namespace rubato {
 
@@ -31,14 +31,6 @@ std::vector<std::string> end_names(const HamiltonianProblem& orbit) {
   return names;
 }
 
-/// A misspelt key says more than a missing one, so that all are looked at first.
-void refuse_unknown_keys(Section section, std::string_view table) {
-  for (const std::string_view key : keys_of(table)) {
-    static_cast<void>(section.take(key));
-  }
-  section.finish();
-}
-
 class SolveReader {
 public:
   SolveReader(Section& section, const Problem& problem)
@@ -52,22 +44,12 @@ public:
     }
     refuse_systems();
     read_ends();
-    read_duration();
-    read_energy();
+    read_duration_and_energy(section_, problem_, solve_);
     read_steps();
     read_guess();
     read_starts();
     read_continuation();
-    if (const Entry* entry = section_.take("tolerance")) {
-      solve_.tolerance = read_number(entry->value, "tolerance", problem_.parameters);
-      if (!(solve_.tolerance > 0.0 && solve_.tolerance < 1.0)) {
-        throw ProblemError(entry->value.location, "tolerance has to lie between 0 and 1");
-      }
-    }
-    if (const Entry* entry = section_.take("max_iterations")) {
-      solve_.most_iterations =
-          static_cast<std::size_t>(read_integer(entry->value, "max_iterations", problem_.parameters, 1));
-    }
+    read_newton(section_, problem_, solve_);
     section_.finish();
     refuse_unknown_counts();
     return std::move(solve_);
@@ -228,57 +210,8 @@ private:
     solve_.conditions.push_back(std::move(condition));
   }
 
-  void read_duration() {
-    const Entry* period = section_.take("period");
-    const Entry* time = section_.take("time");
-    const bool closes = solve_.closes();
-    if (const Entry* wrong = closes ? time : period) {
-      throw ProblemError(wrong->location, closes
-                                              ? "time is of an orbit between two ends; of one that closes write period"
-                                              : "period is of an orbit that closes; between two ends write time");
-    }
-    const Entry* entry = closes ? period : time;
-    const double usual = problem_.scheme.until - problem_.start();
-    solve_.duration_location = entry != nullptr ? entry->value.location : solve_.location;
-    if (entry == nullptr) {
-      given_duration_ = false;
-      solve_.duration = usual;
-    } else if (entry->value.string() == nullptr || *entry->value.string() != free_words[0]) {
-      solve_.duration = read_number(entry->value, entry->key, problem_.parameters);
-      if (!(*solve_.duration * usual > 0.0)) {
-        throw ProblemError(entry->value.location, fmt::format("{} = {} has to have the sign of until - t, which is {}",
-                                                              entry->key, *solve_.duration, usual));
-      }
-    }
-  }
-
-  void read_energy() {
-    const Entry* entry = section_.take("energy");
-    solve_.energy_location = entry != nullptr ? entry->value.location : solve_.location;
-    if (entry == nullptr) {
-      return;
-    }
-    const std::string* word = entry->value.string();
-    if (word != nullptr && *word == solve_energy_words[1]) {
-      solve_.energy_of_start = true;
-    } else if (word == nullptr || *word != solve_energy_words[0]) {
-      solve_.energy = read_number(entry->value, "energy", problem_.parameters);
-    }
-    if (!given_duration_ && has_energy()) {
-      solve_.duration.reset();  // the energy takes its place
-    }
-  }
-
   void read_steps() {
-    if (const Entry* entry = section_.take("steps")) {
-      solve_.steps = static_cast<std::size_t>(read_integer(entry->value, "steps", problem_.parameters, 1));
-    } else if (!problem_.scheme.step) {
-      throw ProblemError(problem_.scheme.step_location,
-                         "step = \"auto\" is for runs; give a step here, or steps in [solve]");
-    } else {
-      const double steps = std::round((problem_.scheme.until - problem_.start()) / *problem_.scheme.step);
-      solve_.steps = static_cast<std::size_t>(std::max(steps, 1.0));
-    }
+    read_solve_steps(section_, problem_, solve_);
     constexpr std::size_t most = 1'000'000;
     if (solve_.steps > most) {
       throw ProblemError(solve_.location, fmt::format("the orbit has {} steps; at most {} can be solved for at once",
@@ -379,7 +312,7 @@ private:
           static_cast<std::size_t>(read_integer(points->value, "points", problem_.parameters, 1));
     }
     section->finish();
-    const bool both = solve_.duration && has_energy();
+    const bool both = solve_.duration && solve_.has_energy();
     if (continuation.kind != Kind::parameter && both) {
       throw ProblemError(
           continuation.location,
@@ -403,27 +336,25 @@ private:
     if (solve_.ends != Ends::conditions) {
       return;
     }
-    const std::size_t wanted = (is_action ? 2 : 1) * names_.size() + (solve_.duration || has_energy() ? 0 : 1) -
-                               (solve_.duration && has_energy() ? 1 : 0);
+    const std::size_t wanted = (is_action ? 2 : 1) * names_.size() + (solve_.duration || solve_.has_energy() ? 0 : 1) -
+                               (solve_.duration && solve_.has_energy() ? 1 : 0);
     if (solve_.conditions.size() != wanted) {
       throw ProblemError(
           solve_.ends_location,
           fmt::format("ends has {} condition{}, and {} {} needed: {} for {} coordinates and momenta{}",
                       solve_.conditions.size(), solve_.conditions.size() == 1 ? "" : "s", wanted,
                       wanted == 1 ? "is" : "are", is_action ? "two each" : "one each", names_.size(),
-                      solve_.duration && has_energy()   ? ", less one since both time and energy are given"
-                      : solve_.duration || has_energy() ? ""
-                                                        : ", and one more since neither time nor energy is given"));
+                      solve_.duration && solve_.has_energy() ? ", less one since both time and energy are given"
+                      : solve_.duration || solve_.has_energy()
+                          ? ""
+                          : ", and one more since neither time nor energy is given"));
     }
   }
-
-  [[nodiscard]] bool has_energy() const { return solve_.energy || solve_.energy_of_start; }
 
   Section& section_;
   const Problem& problem_;
   const HamiltonianProblem& orbit_;
   std::vector<std::string> names_;
-  bool given_duration_ = true;
   StatedSolve solve_;
 };
 
@@ -435,7 +366,7 @@ std::shared_ptr<const StatedSolve> read_solve(Section& root, const Problem& prob
     return nullptr;
   }
   if (problem.hamiltonian() == nullptr) {
-    throw ProblemError(section->location(), "[solve] is for orbits; leave it out");
+    return std::make_shared<const StatedSolve>(read_lattice_solve(*section, problem));
   }
   return std::make_shared<const StatedSolve>(SolveReader(*section, problem).read());
 }

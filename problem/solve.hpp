@@ -15,7 +15,7 @@ namespace rubato {
 class Section;
 
 /// [solve]: a boundary-value problem of an orbit, whose guess is [initial] integrated over [scheme], or formulas of t.
-/// Further guesses may follow.
+/// Further guesses may follow. Or a periodic orbit of a lattice, whose guess is [initial] integrated.
 struct StatedSolve {
   /// What `ends` says.
   enum class Ends {
@@ -56,7 +56,7 @@ struct StatedSolve {
     std::vector<FormulaText> formulas;
     std::vector<double> z;  ///< where there are no formulas
   };
-  std::vector<Start> starts;  ///< tried in order; at least one
+  std::vector<Start> starts;  ///< tried in order; at least one, but none of lattices, which begin from [initial]
   std::optional<Continuation> continuation;
   double tolerance = 1e-12;
   std::size_t most_iterations = 100;
@@ -64,6 +64,7 @@ struct StatedSolve {
 
   /// Periodic, or symmetric: its orbit closes, and has Floquet multipliers.
   [[nodiscard]] bool closes() const { return ends == Ends::periodic || ends == Ends::symmetric; }
+  [[nodiscard]] bool has_energy() const { return energy || energy_of_start; }
 };
 
 inline constexpr std::array<std::string_view, 3> ends_words = {"periodic", "symmetric", "connection"};

@@ -191,7 +191,7 @@ private:
 
 Outcome check(const std::string& file, const CheckOptions& options) {
   const record::Reader reader(file, record::Altered::reported);
-  if (is_solution(reader)) {
+  if (is_solution(reader) && reader.has("/states/coordinate")) {  // of a lattice it is that of a run
     return blame_record(file, [&] { return check_solution(reader); });
   }
   return blame_record(file, [&] { return RecordCheck(reader, options).run(); });

@@ -16,7 +16,9 @@
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/run/event_check.hpp>
 #include <rubato/run/lattice_residuals.hpp>
+#include <rubato/run/lattice_solve.hpp>
 #include <rubato/run/output_check.hpp>
+#include <rubato/run/solution_rows.hpp>
 #include <rubato/run/state_scales.hpp>
 
 namespace rubato {
@@ -186,6 +188,7 @@ public:
   }
 
   Spread run() {
+    std::optional<grids::FieldSet> first;  // of a periodic orbit
     record_.at_rank_0([this] {
       check_grid();
       check_frame();
@@ -194,6 +197,9 @@ public:
     const grids::FieldSet initial = after_.fields;
     bool whole = stored_.load(0, after_.fields);
     check_start(initial);
+    if (record_.has(solution_history)) {
+      first = after_.fields;
+    }
     const bool in_turn = levels_.complete() && levels_.steps() > 0;
     law_slack_ = make_lattice_options(problem_, system_).stages > 1 ? stage_slack : 1.0;
     equation_ = method_->equation(system_, grid_, after_, in_turn ? levels_.h.front() : 0.0);
@@ -230,6 +236,9 @@ public:
       }
     }
     events_.finish();
+    if (first && levels_.state_level.size() > 1) {
+      check_closing(*first);
+    }
     return residual_;
   }
 
@@ -296,6 +305,21 @@ private:
   /// Any other initial data than the problem's differ by more than this, relative to a field; on other machines the
   /// constraints that give auxiliary fields may be solved with other rounding.
   static constexpr double start_tolerance = 1e-9;
+
+  /// The last level of a periodic orbit is the first one.
+  void check_closing(const grids::FieldSet& first) {
+    const std::vector<double> scales = closing_scales(largest_);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (system_.structure().algebraic[static_cast<std::size_t>(f)] || !stored_.is_stored(f)) {
+        continue;
+      }
+      const auto expected = first.field(f);
+      parts_.compare(
+          stored_.path(f), levels_.state_level.size() - 1, std::as_const(after_.fields).field(f),
+          [&](std::size_t i) { return expected[i]; },
+          [&] { return closing_tolerance * scales[static_cast<std::size_t>(f)]; }, "the first level, after one period");
+    }
+  }
 
   void check_start(const grids::FieldSet& initial) {
     for (int f = 0; f < system_.field_count(); ++f) {

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 #include <limits>
 #include <memory>
 
@@ -23,6 +24,7 @@
 #include <rubato/run/memory_record.hpp>
 #include <rubato/run/no_sink.hpp>
 #include <rubato/run/pace.hpp>
+#include <rubato/run/record_scales.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/run_estimate.hpp>
 #include <rubato/run/shared_rows.hpp>
@@ -59,14 +61,16 @@ public:
     }
   }
 
-  Outcome start() {
+  /// \param scales further ones of the record
+  Outcome start(std::vector<record::Scale> scales = {}) {
     const Storing storing(options_.storing);
     if (memory_ != nullptr) {
       require_room();
       memory_->begin(observed_->layout());
     } else {
       about_disk_ = require_disk_for(problem_, outcome_.file, expected_record_bytes(*observed_));
-      recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(), options_.overwrite, commit_policy()));
+      recorder_.emplace(record::Writer::create(outcome_.file, layout_of_record(std::move(scales)), options_.overwrite,
+                                               commit_policy()));
     }
     try {
       order(Order::start);
@@ -170,8 +174,9 @@ private:
   }
 
   /// Ranks write long rows of nodes together.
-  [[nodiscard]] record::Layout layout_of_record() const {
+  [[nodiscard]] record::Layout layout_of_record(std::vector<record::Scale> scales) const {
     record::Layout layout = observed_->layout();
+    std::ranges::move(scales, std::back_inserter(layout.scales));
     for (record::Dataset& dataset : layout.datasets) {
       dataset.together = leader_ && has_nodes(dataset);
     }
@@ -510,6 +515,10 @@ std::unique_ptr<Simulation> make_simulation(const Problem& problem, bool tangent
 }
 
 Outcome run(const Problem& problem, const RunOptions& options) {
+  return run_with_scales(problem, options, {});
+}
+
+Outcome run_with_scales(const Problem& problem, const RunOptions& options, std::vector<record::Scale> scales) {
   refuse_unshared(problem, options);
   if (const auto* pde = problem.multisymplectic(); pde != nullptr && pde->initial_record) {
     std::error_code ignored;
@@ -518,7 +527,7 @@ Outcome run(const Problem& problem, const RunOptions& options) {
                          "the run would replace the record that it begins from; name another with output.file or -o");
     }
   }
-  return Driver(problem, options, options.output.value_or(problem.output.file)).start();
+  return Driver(problem, options, options.output.value_or(problem.output.file)).start(std::move(scales));
 }
 
 Outcome run(const Problem& problem, MemoryRecord& record, const RunOptions& options) {

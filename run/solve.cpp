@@ -14,6 +14,8 @@
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/problem/solve.hpp>
 #include <rubato/record/writer.hpp>
+#include <rubato/run/lattice_solve.hpp>
+#include <rubato/run/record_scales.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/solution_rows.hpp>
 #include <rubato/run/threads.hpp>
@@ -80,22 +82,14 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
   if (system.L) {
     layout.scales.push_back({"/states/velocity", system.q_dot, "names of the velocities"});
   }
-  std::vector<double> residuals, corrections, fractions, stages;
-  for (const NewtonIteration& iteration : outcome.solution.history) {
-    residuals.push_back(iteration.residual);
-    corrections.push_back(iteration.correction);
-    fractions.push_back(iteration.fraction);
-    stages.push_back(iteration.stage);
+  for (record::Scale& scale : history_scales(outcome.solution.history)) {
+    layout.scales.push_back(std::move(scale));
   }
   const auto numbers = [&](std::string path, std::vector<double> values, std::string description) {
     if (!values.empty()) {
       layout.scales.push_back({std::move(path), std::move(values), std::move(description)});
     }
   };
-  numbers(solution_history, residuals, "largest scaled residual after every iteration of Newton's method");
-  numbers("/solve/correction", corrections, "relative correction of every iteration; 0 at its start");
-  numbers("/solve/fraction", fractions, "damping factor of the correction");
-  numbers("/solve/stage", stages, "0: equal levels, 1: levels by the step law, 2: free levels");
   const StepPotential& f = outcome.solution.potential;
   numbers(solution_potential, {f.strength, f.length, f.exponent}, "strength, length and exponent of f'");
   std::vector<double> real, imaginary;
@@ -415,6 +409,19 @@ private:
   BoundaryValueOptions settings_;
 };
 
+/// solve_problem() of an orbit, as solve_lattice().
+void solve_orbit(const Problem& problem, const RunOptions& options, const std::string& file, SolveOutcome& outcome) {
+  const std::optional<Problem> solved = Search(problem, outcome).run();  // at the end of a branch another one
+  if (!solved) {
+    return;
+  }
+  outcome.file = file;
+  const SolutionRows rows(*solved, outcome.solution);
+  outcome.statistics = rows.statistics(outcome.solution);
+  add_second_variation(*solved, make_hamiltonian(*solved), outcome);
+  write_record(*solved, options, outcome, rows);
+}
+
 void refuse_existing(const std::string& file, bool overwrite) {
   std::error_code ignored;
   if (!overwrite && std::filesystem::exists(file, ignored)) {
@@ -423,6 +430,20 @@ void refuse_existing(const std::string& file, bool overwrite) {
 }
 
 }  // namespace
+
+std::vector<record::Scale> history_scales(const std::vector<solve::NewtonIteration>& history) {
+  std::vector<double> residuals, corrections, fractions, stages;
+  for (const solve::NewtonIteration& iteration : history) {
+    residuals.push_back(iteration.residual);
+    corrections.push_back(iteration.correction);
+    fractions.push_back(iteration.fraction);
+    stages.push_back(iteration.stage);
+  }
+  return {{solution_history, residuals, "largest scaled residual after every iteration of Newton's method"},
+          {"/solve/correction", corrections, "relative correction of every iteration; 0 at its start"},
+          {"/solve/fraction", fractions, "damping factor of the correction"},
+          {"/solve/stage", stages, "0: equal levels, 1: levels by the step law, 2: free levels"}};
+}
 
 SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
   if (problem.solve == nullptr) {
@@ -441,10 +462,12 @@ SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
   outcome.closes = problem.solve->closes();
   const std::string file = options.output.value_or(problem.output.file);
   refuse_existing(file, options.overwrite);
-  std::optional<Problem> solved;  // what the solution is of: at the end of a branch another one
   try {
-    Search search(problem, outcome);
-    solved = search.run();
+    if (problem.multisymplectic() != nullptr) {
+      solve_lattice(problem, options, file, outcome);
+    } else {
+      solve_orbit(problem, options, file, outcome);
+    }
   } catch (const StepPotentialError& error) {
     throw ProblemError(problem.scheme.potential_location, error.what());
   } catch (const ProblemError&) {
@@ -452,19 +475,11 @@ SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
   } catch (const std::invalid_argument& error) {
     throw ProblemError(problem.solve->location, error.what());
   }
-  const auto elapsed = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count(); };
-  if (!solved) {
+  if (outcome.file.empty()) {
     outcome.status = ExitStatus::failed;
     outcome.message += "; nothing was written";
-    outcome.wall_seconds = elapsed();
-    return outcome;
   }
-  outcome.file = file;
-  const SolutionRows rows(*solved, outcome.solution);
-  outcome.statistics = rows.statistics(outcome.solution);
-  add_second_variation(*solved, make_hamiltonian(*solved), outcome);
-  write_record(*solved, options, outcome, rows);
-  outcome.wall_seconds = elapsed();
+  outcome.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
   return outcome;
 }
 

@@ -22,8 +22,8 @@ struct BranchRow {
 struct SolveOutcome {
   ExitStatus status = ExitStatus::done;
   std::string title;
-  std::string file;  ///< the record; empty where none was written
-  BoundaryValueSolution solution;
+  std::string file;                               ///< the record; empty where none was written
+  BoundaryValueSolution solution;                 ///< of a lattice without nodes, which the record has
   std::size_t start = 0, starts = 1;              ///< the guess that was tried last, from 1, and how many there are
   figures::Statistics statistics;                 ///< of its levels and steps
   bool closes = false;                            ///< it is a periodic orbit
@@ -32,6 +32,7 @@ struct SolveOutcome {
   std::vector<double> conjugate_points;           ///< times
   std::string parameter;                          ///< of the branch
   std::vector<BranchRow> branch;                  ///< the last one is the solution
+  std::optional<double> closing;                  ///< of a lattice: |z_N - z_0| of its run, beside the largest value
   std::string message;                            ///< why there is no solution, with the remedy; empty if there is
   std::vector<std::string> warnings;
   double wall_seconds = 0.0;

@@ -23,6 +23,9 @@ std::string to_json(const SolveOutcome& outcome) {
   found.number("residual", solution.residual).text("largest_in", solution.worst);
   if (outcome.status == ExitStatus::done) {
     found.number(outcome.closes ? "period" : "time", solution.orbit.duration());
+    if (outcome.closing) {
+      found.number("closing", *outcome.closing);
+    }
     found.number("energy", solution.mean_energy).number("conserved_energy", solution.conserved);
     std::vector<figures::JsonObject> multipliers;
     for (const std::complex<double>& multiplier : outcome.multipliers) {
@@ -118,6 +121,9 @@ std::string to_table(const SolveOutcome& outcome) {
   row("h", fmt::format("{:.6g} ... {:.6g}", outcome.statistics.h.min, outcome.statistics.h.max));
   row(outcome.closes ? "period" : "time", fmt::format("{:.15g}", solution.orbit.duration()));
   row("energy", fmt::format("{:.15g}", solution.mean_energy));
+  if (outcome.closing) {
+    row("closing", fmt::format("a run over one period ends {:.1e} beside its start", *outcome.closing));
+  }
   if (solution.potential.active()) {
     row("with the step potential", fmt::format("{:.15g} on every step", solution.conserved));
   }

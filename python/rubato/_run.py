@@ -388,12 +388,12 @@ def converge(problem, tolerance=None, *, settings=None, threads=0, progress=None
 
 
 def solve(problem, conditions=None, output=None, *, overwrite=False, settings=None, threads=0, **overrides):
-    """Solves a boundary-value problem of an orbit and returns its Result; a Summary where no solution was found.
+    """Solves a boundary-value problem and returns its Result; a Summary where no solution was found.
 
     Parameters
     ----------
-    problem : path or str with [solve], or a Hamiltonian with `initial`, `t_span`, `step` and other keywords of
-        integrate(): the guess
+    problem : path or str with [solve], or a Hamiltonian, Lagrangian or Lattice with `t_span`, `step` and other keywords
+        of integrate(): the guess. Of a Lattice periodic orbits are found, with levels="fixed"
     conditions : dict
         Entries of [solve], in place of those of a file: ``{"ends": "periodic", "energy": 1/12}``.
     output : path, optional

@@ -451,6 +451,24 @@ class Memory(unittest.TestCase):
         with self.assertRaisesRegex(AttributeError, "leave out every"):
             rb.integrate(PENDULUM, [0, 1.9], (0, 5), step=0.1, every=3).sol
 
+    def test_periodic_lattices(self):
+        omega = 0.9
+        gamma, period = np.sqrt(1 - omega ** 2), 2 * np.pi / omega
+        wave = rb.Field(equation="u_tt = u_xx - sin(u)")
+        line = rb.Lattice(wave, {"x": (-10, 10, 51)}, {"u": 0, "u_t": lambda x: 4 * gamma * rb.sech(gamma * x)})
+        how = {"t_span": (0, period), "step": period / 40, "levels": "fixed", "scheme": "box"}
+        found, guess = rb.solve(line, {"ends": "periodic"}, **how), rb.run(line, **how)
+        self.assertTrue(found.success)
+        self.assertLess(found.solution["residual"][-1], 1e-12)
+        closes = [np.abs(r["u"][-1] - r["u"][0]).max() for r in (found, guess)]
+        self.assertLess(closes[0], 1e-9)
+        self.assertGreater(closes[1], 1e-4)  # twin: the guess
+        none = rb.solve(line, {"ends": "periodic", "energy": -3, "max_iterations": 5}, **how)
+        self.assertFalse(none.success)
+        self.assertIn("the energy", none.message)
+        with self.assertRaisesRegex(ValueError, "levels = \"fixed\""):
+            rb.solve(line, {"ends": "periodic"}, **{**how, "levels": "variable"})
+
     def test_tangents(self):
         r = rb.run("henon-heiles", tangents={"vectors": "all", "matrix": True}, until=20)
         self.assertEqual(r.lyapunov.growth.shape, (4, len(r.h)))

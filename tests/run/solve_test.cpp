@@ -6,9 +6,12 @@
 #include <cmath>
 #include <filesystem>
 
+#include <fmt/format.h>
+
 #include <rubato/figures/text.hpp>
 #include <rubato/problem/help.hpp>
 #include <rubato/run/check.hpp>
+#include <rubato/run/record_scales.hpp>
 #include <rubato/run/solve.hpp>
 
 #include "records.hpp"
@@ -216,4 +219,170 @@ TEST_CASE("solve: a branch in a parameter goes round a fold, and its end is a re
   CHECK_THROWS_WITH(solve_problem(parse_problem(dependent, "p.toml", round), {.output = file, .overwrite = true}),
                     Catch::Contains("half_of_it follows from E"));
   CHECK_THAT(error_of({"solve.continue={ parameter = \"F\", to = 1 }"}), Catch::Contains("energy, time"));
+}
+
+namespace {
+
+constexpr const char* lattice_breather = R"toml(title = "Breather on a ring"
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + 1 - cos(u)"
+[grid]
+x = { from = -6, to = 6, cells = 25 }
+[parameters]
+G = "2/sqrt(3)"
+[initial]
+u = "0"
+v = "1.7*sech(0.44*x)"
+[solve]
+ends = "periodic"
+[scheme]
+lagrangian = "box"
+levels = "fixed"
+step = 0.25
+until = 7
+)toml";
+
+Problem lattice_with(const std::vector<std::string>& settings) {
+  return parse_problem(lattice_breather, "ring.toml", settings);
+}
+
+std::string lattice_error(const std::vector<std::string>& settings) {
+  try {
+    static_cast<void>(lattice_with(settings));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("solve: the record of a periodic lattice is that of a run that closes, and a change of it is found") {
+  const Folder folder;
+  const std::string file = folder / "ring.h5";
+  const SolveOutcome outcome = solve_problem(lattice_with({}), {.output = file});
+  REQUIRE(outcome.status == ExitStatus::done);
+  CHECK(outcome.solution.orbit.duration() == Approx(7.0).epsilon(1e-13));
+  CHECK(*outcome.closing < 1e-12);  // 28 steps of a stable orbit: rounding
+  CHECK(outcome.statistics.steps == 28);
+  CHECK_THAT(to_table(outcome), Catch::Contains("period") && Catch::Contains("closing"));
+  CHECK_THAT(to_json(outcome), Catch::Contains("\"closing\""));
+  const record::Reader reader(file);
+  CHECK(reader.read("/solve/residual").back() < 1e-12);
+  CHECK(check(file).status == ExitStatus::done);
+  CHECK_THROWS_WITH(resume(file, 20.0), Catch::Contains("boundary-value problem"));
+  CHECK_THROWS_AS(solve_problem(lattice_with({}), {.output = file}), record::AlreadyExists);
+  // Twin: the run from the guess does not close, and contradicts itself if it is called a solution.
+  for (const bool is_called_solution : {false, true}) {
+    const std::string guess = folder / (is_called_solution ? "called.h5" : "guess.h5");
+    const auto scales = is_called_solution ? history_scales(outcome.solution.history) : std::vector<record::Scale>();
+    REQUIRE(run_with_scales(lattice_with({}), {.output = guess}, scales).status == ExitStatus::done);
+    CHECK(check(guess).status == (is_called_solution ? ExitStatus::contradiction : ExitStatus::done));
+  }
+}
+
+TEST_CASE("solve: a period or an energy of a lattice may be given") {
+  const Folder folder;
+  const auto solved = [&](const std::vector<std::string>& settings, const std::string& name) {
+    return solve_problem(lattice_with(settings), {.output = folder / name});
+  };
+  const SolveOutcome by_period = solved({"solve.period=7.05"}, "period.h5");
+  REQUIRE(by_period.status == ExitStatus::done);
+  CHECK(by_period.solution.orbit.duration() == Approx(7.05).epsilon(1e-13));
+  const double energy = by_period.solution.mean_energy;
+  const SolveOutcome by_energy = solved({fmt::format("solve.energy={:.17g}", energy)}, "energy.h5");
+  REQUIRE(by_energy.status == ExitStatus::done);
+  CHECK(by_energy.solution.mean_energy == Approx(energy).epsilon(1e-12));
+  // One orbit of the family has the energy.
+  CHECK(by_energy.solution.orbit.duration() == Approx(7.05).epsilon(1e-8));
+  const SolveOutcome free = solved({"solve.period=free"}, "free.h5");
+  REQUIRE(free.status == ExitStatus::done);
+  CHECK(check(folder / "energy.h5").status == ExitStatus::done);
+}
+
+TEST_CASE("solve: a travelling wave is a periodic orbit of one step in its frame, and a moving breather one of many") {
+  const Folder folder;
+  constexpr const char* wave = R"toml(title = "Wave"
+[field]
+fields = ["u"]
+equation = "u_tt = u_xx - u - u^3"
+[grid]
+x = { from = 0, to = "2*pi", cells = 33 }
+[initial]
+u = "0.45*cos(x)"
+u_t = "0.45*1.479*sin(x)"
+[solve]
+ends = "periodic"
+steps = 1
+[scheme]
+frame = { velocity = 1.479 }
+lagrangian = "fourier"
+levels = "fixed"
+step = 0.5
+until = 0.5
+)toml";
+  const std::string file = folder / "wave.h5";
+  REQUIRE(solve_problem(parse_problem(wave, "wave.toml"), {.output = file}).status == ExitStatus::done);
+  CHECK(check(file).status == ExitStatus::done);
+  // u = a cos(x - ct) + O(a³/32) where c² = 2 + 3a²/4.
+  const std::vector<double> u = record::Reader(file).read("/states/u");
+  CHECK(*std::ranges::max_element(u) == Approx(0.5).epsilon(0.01));
+  // Twin: in the laboratory it is none.
+  const std::vector<std::string> without = {"-scheme.frame"};
+  const SolveOutcome none = solve_problem(parse_problem(wave, "wave.toml", without), {.output = folder / "none.h5"});
+  CHECK(none.status == ExitStatus::failed);
+  CHECK_THAT(none.message, Catch::Contains("state of rest"));
+
+  // A breather of ω = 0.8 at the velocity c = 1/2: its phase is ωt/Γ - ωΓcx in its frame.
+  const std::vector<std::string> moving = {
+      "scheme.frame={ velocity = 0.5 }",
+      "grid.x={ from = -10, to = 10, cells = 61 }",
+      "initial.u=4*atan(0.75*sin(-0.4*G*x)*sech(0.6*G*x))",
+      "initial.v=2.4*G*sech(0.6*G*x)*(cos(0.4*G*x) - 0.375*sin(0.4*G*x)*tanh(0.6*G*x))"
+      "/(1 + (0.75*sin(0.4*G*x)*sech(0.6*G*x))^2)",
+      "scheme.step=2*pi*G/0.8/40",
+      "scheme.until=2*pi*G/0.8"};
+  const SolveOutcome breather = solve_problem(lattice_with(moving), {.output = folder / "moving.h5"});
+  CAPTURE(breather.message);
+  REQUIRE(breather.status == ExitStatus::done);
+  CHECK(check(folder / "moving.h5").status == ExitStatus::done);
+  // -∫ u_t u_x of the first level: 16 √(1-ω²) Γ c on the line, but for the squares of ωh and of cells and the tail.
+  const auto momentum = [&](const char* name) {
+    const record::Reader reader(folder / name);
+    const std::vector<double> u = reader.read("/states/u"), v = reader.read("/states/v");
+    constexpr std::size_t nodes = 61;
+    double sum = 0.0;
+    for (std::size_t i = 0; i < nodes; ++i) {
+      sum -= 0.5 * v[i] * (u[(i + 1) % nodes] - u[(i + nodes - 1) % nodes]);
+    }
+    return sum;
+  };
+  CHECK(momentum("moving.h5") == Approx(16.0 * 0.6 / std::sqrt(3.0)).epsilon(0.05));
+  std::vector<std::string> in_laboratory = moving;
+  in_laboratory[0] = "solve.max_iterations=10";
+  const SolveOutcome other = solve_problem(lattice_with(in_laboratory), {.output = folder / "rest.h5"});
+  CHECK((other.status == ExitStatus::failed || std::abs(momentum("rest.h5")) < 0.1));  // twin
+}
+
+TEST_CASE("solve: wrong entries of a lattice are refused with their place and a remedy") {
+  CHECK_THAT(lattice_error({"scheme.levels=variable"}), Catch::Contains("write levels = \"fixed\""));
+  CHECK_THAT(lattice_error({"scheme.stages=2"}), Catch::Contains("one stage"));
+  CHECK_THAT(lattice_error({"scheme.lagrangian=splitting"}), Catch::Contains("box and fourier"));
+  CHECK_THAT(lattice_error({"solve.ends=connection"}), Catch::Contains("ends = \"periodic\""));
+  CHECK_THAT(lattice_error({"solve.guess={ u = 1 }"}), Catch::Contains("guess is for orbits of [hamiltonian]"));
+  CHECK_THAT(lattice_error({"solve.energy=initial"}), Catch::Contains("give a number"));
+  CHECK_THAT(lattice_error({"solve.time=7"}), Catch::Contains("write period"));
+  CHECK_THAT(lattice_error({"solve.period=-7"}), Catch::Contains("the sign of until - t"));
+  CHECK_THAT(lattice_error({"grid.x.cells=1001"}), Catch::Contains("too many to solve for at once"));
+  CHECK_THAT(lattice_error({"scheme.lagrangian=fourier", "grid.x.left=fixed", "grid.x.right=fixed"}),
+             Catch::Contains("on rings"));
+  CHECK_THAT(lattice_error({"solve.perod=7"}), Catch::Contains("did you mean period"));
+  const Folder folder;
+  const SolveOutcome none = solve_problem(lattice_with({"solve.energy=-5"}), {.output = folder / "none.h5"});
+  CHECK(none.status == ExitStatus::failed);
+  CHECK_THAT(none.message, Catch::Contains("the residual is") && Catch::Contains("nothing was written"));
+  CHECK_FALSE(std::filesystem::exists(folder.path() / "none.h5"));
 }

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <vector>
+
+#include <rubato/record/layout.hpp>
+#include <rubato/run/run.hpp>
+#include <rubato/solve/damped_newton.hpp>
+
+namespace rubato {
+
+/// What the record of a solution has of the iterations of Newton's method.
+[[nodiscard]] std::vector<record::Scale> history_scales(const std::vector<solve::NewtonIteration>& history);
+
+/// run(), whose record has further datasets of fixed extent.
+[[nodiscard]] Outcome run_with_scales(const Problem& problem, const RunOptions& options,
+                                      std::vector<record::Scale> scales);
+
+}  // namespace rubato
