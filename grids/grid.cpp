@@ -30,7 +30,7 @@ void check(const std::vector<Axis>& axes) {
     if (axis.cells < 3 && axis.of == 0) {
       throw std::invalid_argument(fmt::format("axis {}: at least 3 cells are needed, not {}", axis.name, axis.cells));
     }
-    if (axis.has_walls() != (axis.right != End::periodic)) {
+    if ((axis.left != End::periodic) != (axis.right != End::periodic)) {
       throw std::invalid_argument(fmt::format("axis {}: a wall at one end needs one at the other", axis.name));
     }
     if (axis.has_walls() && (axis.cells < 4 || axis.of != 0)) {
@@ -58,7 +58,7 @@ double Axis::folded(double place) const {
     return place;
   }
   const double back = 2.0 * static_cast<double>(mirrored);
-  const double rest = std::fmod(place, back);
+  const double rest = std::fmod(std::abs(place), back);
   return std::min(rest, back - rest);
 }
 
@@ -88,6 +88,10 @@ double Grid::volume() const {
 
 bool Grid::has_walls() const {
   return std::ranges::any_of(axes_, &Axis::has_walls);
+}
+
+bool Grid::has_ghosts() const {
+  return std::ranges::any_of(axes_, [](const Axis& axis) { return axis.ghosts > 0; });
 }
 
 double Grid::weight(std::size_t node) const {

@@ -27,10 +27,16 @@ struct Axis {
   /// Of a ring that repeats the space between walls in their mirrors: nodes between the walls, their distance included;
   /// 0 for others. Coordinates are those of the node or cell that is mirrored.
   std::size_t mirrored = 0;
+  /// Of a ring with two walls in it: so many nodes beyond each wall are ghosts, which repeat the nodes within in a
+  /// mirror. `from` and `to` are the walls, of which `left` and `right` are the kinds.
+  std::size_t ghosts = 0;
 
-  [[nodiscard]] bool has_walls() const { return left != End::periodic; }
+  /// True if all nodes are between walls, those on the walls included.
+  [[nodiscard]] bool has_walls() const { return left != End::periodic && ghosts == 0; }
   /// How many cells there are between the ends.
-  [[nodiscard]] std::size_t cell_count() const { return has_walls() ? cells - 1 : cells; }
+  [[nodiscard]] std::size_t cell_count() const {
+    return ghosts > 0 ? cells - 1 - 2 * ghosts : has_walls() ? cells - 1 : cells;
+  }
   [[nodiscard]] double length() const { return to - from; }
   [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(of == 0 ? cell_count() : of); }
   [[nodiscard]] double node(std::size_t i) const { return from + folded(number(i)) * spacing(); }
@@ -40,7 +46,9 @@ struct Axis {
   [[nodiscard]] double centre(std::size_t i) const { return from + folded(number(i) + 0.5) * spacing(); }
 
 private:
-  [[nodiscard]] double number(std::size_t i) const { return static_cast<double>(of == 0 ? i : (first + i) % of); }
+  [[nodiscard]] double number(std::size_t i) const {
+    return of == 0 ? static_cast<double>(i) - static_cast<double>(ghosts) : static_cast<double>((first + i) % of);
+  }
   [[nodiscard]] double folded(double place) const;
 };
 
@@ -69,6 +77,7 @@ public:
   /// That of all cells.
   [[nodiscard]] double volume() const;
   [[nodiscard]] bool has_walls() const;
+  [[nodiscard]] bool has_ghosts() const;
   /// The part of its cell that a node has in sums: one half for each wall that it is on.
   [[nodiscard]] double weight(std::size_t node) const;
 

@@ -13,6 +13,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/pde/shared_slopes.hpp>
+#include <rubato/pde/wall_ghosts.hpp>
 
 namespace rubato {
 
@@ -28,8 +29,7 @@ constexpr double same_length = 1e-9;
 /// Of the whole lattice.
 double constant_energy(const MultisymplecticSystem& system, const grids::Grid& grid) {
   const grids::Slab* const slab = grids::Slab::of(grid);
-  const std::size_t nodes = slab == nullptr ? grid.size() : slab->whole().size();
-  return system.constant() * grid.cell_volume() * static_cast<double>(nodes);
+  return system.constant() * (slab == nullptr ? grid.volume() : slab->whole().volume());
 }
 
 InitialFields fields_given(const MultisymplecticSystem& system, const LatticeLevel& level, bool potentials) {
@@ -152,6 +152,9 @@ public:
         next_kept_(map_.room_for_momenta()),
         symmetric_order_(map_.rows().is_symmetric() ? 2 : 1),
         last_h_(first_step) {
+    if (grid.has_ghosts()) {
+      ghosts_.emplace(FieldMirrors(system, grid, Collocation::corners), grid);
+    }
     map_.step().begin(level_);
     if (!is_its_level()) {
       previous_.fields.copy_from(level_.fields);
@@ -212,10 +215,16 @@ public:
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
+    if (ghosts_) {
+      ghosts_->renew(trial_);
+    }
     map_.step().keep(trial_h_, level_, trial_, next_kept_);
     std::swap(kept_, next_kept_);
     std::swap(level_.fields, trial_);
     std::swap(previous_.fields, trial_);
+    if (ghosts_) {
+      map_.step().renew(level_, ghosts_->ranges());
+    }
     previous_is_current_ = std::exchange(level_is_current_, map_.rows().names_all());
     last_h_ = trial_h_;
     at_start_ = false;
@@ -323,6 +332,7 @@ private:
   MultisymplecticSystem system_;
   grids::Grid grid_;
   mutable ActionMap map_;
+  std::optional<WallGhosts> ghosts_;
   mutable LatticeLevel level_, previous_;
   mutable bool level_is_current_ = true, previous_is_current_ = true;
   FieldSet trial_, kept_, next_kept_;

@@ -11,6 +11,7 @@
 #include <rubato/formula/sum.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/pde/mirror_signs.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/variation/weighted_terms.hpp>
 
@@ -54,6 +55,7 @@ ActionStep::ActionStep(const MultisymplecticSystem& system, const grids::Grid& g
       upper_(system.field_count(), grid.size()),
       row_values_(static_cast<int>(rows_.rows().size()), grid.size()),
       volume_(grid.cell_volume()) {
+  find_held();
   find_stages();
   find_turns();
   if (stages_.empty()) {
@@ -119,6 +121,29 @@ void ActionStep::write(LatticeLevel& level) {
   }
 }
 
+void ActionStep::find_held() {
+  const MultisymplecticSystem& system = rows_.system();
+  const grids::Grid& grid = rows_.grid();
+  is_loose_.resize(static_cast<std::size_t>(system.field_count()));
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const grids::Axis& axis = grid.axis(a);
+    if (axis.ghosts == 0) {
+      continue;
+    }
+    const MirrorSigns signs(system, a, axis.name);
+    for (int f = 0; f < system.field_count(); ++f) {
+      PlaceNumbers loose{a, std::vector<double>(axis.cells, 1.0)};
+      loose.values[axis.ghosts] = signs.at(f, axis.left) > 0 ? 1.0 : 0.0;
+      loose.values[axis.ghosts + axis.cell_count()] = signs.at(f, axis.right) > 0 ? 1.0 : 0.0;
+      if (signs.at(f, axis.left) < 0 || signs.at(f, axis.right) < 0) {
+        Expression& product = is_loose_[static_cast<std::size_t>(f)];
+        const Expression factor = rows_.variation().along_axis(loose);
+        product = product.valid() ? product * factor : factor;
+      }
+    }
+  }
+}
+
 /// Orders the rows: each gives one field that it is linear in, at its own node, from fields of the stages before.
 void ActionStep::find_stages() {
   const int d = rows_.system().field_count();
@@ -160,8 +185,10 @@ void ActionStep::find_stages() {
       const Expression of_row = rests ? rows_.at_rest(one) : at_base[0];
       const WeightedTerms slopes(at_base[1]);
       const bool is_rate = slopes.terms().size() == 1 && slopes.terms().front().first == variation.rate();
-      stage.values.push_back(is_rate ? base - variation.step() / slopes.terms().front().second * of_row
-                                     : base - of_row / slopes.sum());
+      const Expression change =
+          is_rate ? variation.step() / slopes.terms().front().second * of_row : of_row / slopes.sum();
+      const Expression loose = is_loose_[static_cast<std::size_t>(field)];
+      stage.values.push_back(base - (loose.valid() ? loose * change : change));
       stage.fields.push_back(field);
       solved[static_cast<std::size_t>(field)] = used[i] = true;
       --left;
@@ -193,8 +220,11 @@ void ActionStep::find_turns() {
     Turn found{.fields = {}, .values = {}, .is_momenta = momenta, .value = {}, .tangent = {}};
     for (const ActionRows::Derived& one : rows_.derived()) {
       if (moves(one) == momenta && one.turn == turn) {
+        const Expression loose = is_loose_[static_cast<std::size_t>(one.field)];
+        const bool is_held = momenta && loose.valid();
         found.fields.push_back(one.field);
-        found.values.push_back(one.value);
+        found.values.push_back(
+            is_held ? loose * one.value + (1.0 - loose) * rows_.variation().node(Level::before, one.field) : one.value);
       }
     }
     if (!found.fields.empty()) {
@@ -331,6 +361,11 @@ void ActionStep::begin(const LatticeLevel& level) {
   }
 }
 
+void ActionStep::renew(const LatticeLevel& level, std::span<const std::pair<std::size_t, std::size_t>> ranges) {
+  levels_.renew(level.fields, ranges,
+                [&](NodeCode& code, const FieldSet& fields) { read(code, 1.0, level, fields, no_momenta_); });
+}
+
 void ActionStep::move() {
   levels_.go_on();
   below_ = above_;
@@ -375,8 +410,9 @@ void ActionStep::derive(double h, const LatticeLevel& before, const FieldSet& af
 
 double ActionStep::energy_at_rest(double h, const LatticeLevel& level) {
   if (rest_.size() == 0) {
+    NodeVariation& variation = rows_.variation();
     rest_ = NodePass(rows_.grid());
-    rest_.add(rows_.variation().code(std::array{rows_.variation().energy()}), {});
+    rest_.add(rows_.variation().code(std::array{variation.between_walls(variation.energy())}), {});
   }
   read(rest_.code(0), h, level, level.fields, no_momenta_);
   rest_(0);
@@ -406,7 +442,7 @@ double ActionStep::relative_miss(double h, const LatticeLevel& before, const Lat
 formula::SumSize ActionStep::energy_size(double h, const LatticeLevel& before, const FieldSet& after) {
   NodeVariation& variation = rows_.variation();
   if (size_.size() == 0) {
-    const Expression energy = WeightedTerms(variation.energy()).sum();
+    const Expression energy = variation.between_walls(WeightedTerms(variation.energy()).sum());
     // |∂e/∂z z| is what the rounding of a value makes of e.
     std::vector<Expression> variables, products;
     for (const NodeInput& input : variation.inputs_of(energy)) {
@@ -471,14 +507,15 @@ double ActionStep::energy_slope(double h, const LatticeLevel& before, const Fiel
       move_direction(code, stage);
     }
   }
-  NodeCode& slope = made(codes_.slope, [&] {
-    const Expression energy = rows_.variation().energy();
-    return std::vector{rows_.by_step(energy) + rows_.along_upper(energy)};
-  });
-  double* const out[] = {row_values_.field(0).data()};
-  read(slope, h, before, after, kept);
-  slope(out);
-  return volume_ * grids::sum(std::as_const(row_values_).field(0));
+  if (slope_.size() == 0) {
+    NodeVariation& variation = rows_.variation();
+    const Expression energy = variation.between_walls(variation.energy());
+    slope_ = NodePass(rows_.grid());
+    slope_.add(variation.code(std::array{rows_.by_step(energy) + rows_.along_upper(energy)}), {});
+  }
+  read(slope_.code(0), h, before, after, kept);
+  slope_(0);
+  return volume_ * slope_.sums().front();
 }
 
 template <class Of>

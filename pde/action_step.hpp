@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rubato/base/status.hpp>
@@ -41,6 +42,8 @@ public:
 
   [[nodiscard]] const ActionRows& rows() const { return rows_; }
   [[nodiscard]] bool is_explicit() const { return !stages_.empty(); }
+  /// Of an explicit step: how many ghosts beyond a wall it makes wrong, and what follows from the new level.
+  [[nodiscard]] std::size_t lost_at_walls() const { return stages_.size() + 1; }
   /// What no row determines and every step holds: "the mean of phi", "the sawtooth (-1)^i of u".
   [[nodiscard]] std::vector<std::string> held() const;
 
@@ -59,6 +62,8 @@ public:
                                grids::FieldSet& after);
   /// The energies of a step to a level that is there, and the momenta of that which are fields into `momenta`.
   void derive(double h, const LatticeLevel& before, const grids::FieldSet& after, grids::FieldSet& momenta);
+  /// Some nodes of the upper level have changed.
+  void renew(const LatticeLevel& level, std::span<const std::pair<std::size_t, std::size_t>> ranges);
   /// The upper level is the lower one from now on.
   void move();
 
@@ -119,13 +124,14 @@ private:
     std::optional<ActionNewton> newton;
   };
   struct Codes {
-    LateCode row, keep, imply, slope, along_upper, along_lower, by_step, forms;
+    LateCode row, keep, imply, along_upper, along_lower, by_step, forms;
   };
   /// Of a level, over ΔV: its part of E as a lower level, and 𝓔.
   struct OfLevel {
     double of_energy = 0.0, energy = 0.0;
   };
 
+  void find_held();
   void find_stages();
   void find_turns();
   void prepare_pass();
@@ -165,11 +171,13 @@ private:
   ActionRows rows_;
   std::vector<Stage> stages_;
   std::optional<Implicit> implicit_;
+  /// For each field the product of numbers of places that is 0 on walls that hold it, else 1; invalid where none does.
+  std::vector<Expression> is_loose_;
   std::vector<Turn> turns_;
   std::vector<int> momenta_;  ///< fields
   Codes codes_;
   NodePass pass_;  ///< the stages, then what follows and the energies
-  NodePass begin_, rest_, size_;
+  NodePass begin_, rest_, size_, slope_;
   LevelValues levels_;  ///< functions of the lower level
   bool finds_energy_of_levels_ = false;
   std::size_t place_of_lower_ = 0;  ///< among the sums of the pass

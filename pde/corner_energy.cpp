@@ -3,15 +3,13 @@
 #include <array>
 #include <utility>
 
-#include <rubato/grids/reductions.hpp>
 #include <rubato/pde/matrix_terms.hpp>
+#include <rubato/pde/mirror_signs.hpp>
 
 namespace rubato {
 
 CornerEnergy::CornerEnergy(const MultisymplecticSystem& system, const grids::Grid& grid)
-    : volume_(grid.cell_volume()),
-      coordinates_(PlacedCoordinates(system, grid, Within::node).values()),
-      density_(1, grid.size()) {
+    : volume_(grid.cell_volume()), coordinates_(PlacedCoordinates(system, grid, Within::node).values()), pass_(grid) {
   using formula::Expression;
   NodeFormulas formulas(grid);
   const auto is_absent = [&](int f) { return system.structure().at_midpoints(f); };
@@ -22,10 +20,21 @@ CornerEnergy::CornerEnergy(const MultisymplecticSystem& system, const grids::Gri
   for (int c = 0; c < coordinates_.fields(); ++c) {
     z.push_back(formulas.node(system.field_count() + c));
   }
-  code_ = formulas.code(std::array{density(system, z, [&](int f, int axis) {
+  Expression energy = density(system, z, [&](int f, int axis) {
     const Expression periodic = formulas.in_cell(grids::SpaceOperator::backward_difference(axis), f);
     return axis == 0 ? periodic + formulas.slope(f) : periodic;
-  })});
+  });
+  if (grid.has_ghosts()) {
+    const FieldMirrors mirrors(system, grid, Collocation::corners);
+    energy = formulas.between_walls(energy, [&](const NodeInput& input) {
+      std::array<int, 3> shift{};
+      for (int a = 0; a < grid.dimensions() && input.number < system.field_count(); ++a) {
+        shift.at(static_cast<std::size_t>(a)) = mirrors.offset(a, input.number);
+      }
+      return shift;
+    });
+  }
+  pass_.add(formulas.code(std::array{energy}), {});
 }
 
 formula::Expression CornerEnergy::density(const MultisymplecticSystem& system, Variables z,
@@ -50,10 +59,9 @@ formula::Expression CornerEnergy::density(const MultisymplecticSystem& system, V
 }
 
 double CornerEnergy::operator()(const grids::FieldSet& fields, const PotentialSlopes& slopes) {
-  double* const out[] = {density_.field(0).data()};
-  code_.read({&fields, &coordinates_}, {}, slopes);
-  code_(out);
-  return volume_ * grids::sum(std::as_const(density_).field(0));
+  pass_.code(0).read({&fields, &coordinates_}, {}, slopes);
+  pass_(0);
+  return volume_ * pass_.sums().front();
 }
 
 }  // namespace rubato

@@ -8,7 +8,7 @@
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
-#include <rubato/variation/node_code.hpp>
+#include <rubato/variation/node_pass.hpp>
 
 namespace rubato {
 
@@ -29,8 +29,8 @@ public:
 
 private:
   double volume_;  ///< of a cell
-  grids::FieldSet coordinates_, density_;
-  NodeCode code_;
+  grids::FieldSet coordinates_;
+  NodePass pass_;
 };
 
 }  // namespace rubato

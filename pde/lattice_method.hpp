@@ -77,6 +77,9 @@ public:
 
   /// The collocation with which the scheme is the same in a mirror, for walls; nothing where it is not.
   [[nodiscard]] virtual std::optional<Collocation> in_mirror() const { return std::nullopt; }
+  /// How many ghosts beyond each wall are enough for a step, its energies and its laws on the short ring (Mirrors);
+  /// 0 for schemes that need the whole one.
+  [[nodiscard]] virtual std::size_t wall_ghosts(const MultisymplecticSystem& /*system*/) const { return 0; }
 
   /// Where ranks share a lattice (grids::Slab).
   ///@{

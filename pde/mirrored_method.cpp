@@ -10,6 +10,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/initial_agreement.hpp>
 #include <rubato/pde/mirrors.hpp>
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
@@ -33,17 +34,38 @@ NodeEnergy between_walls(NodeEnergy node, double copies) {
 class MirroredScheme final : public LatticeScheme {
 public:
   MirroredScheme(const Mirrors& mirrors, std::unique_ptr<LatticeScheme> scheme, LatticeLevel first)
-      : mirrors_(mirrors),
-        scheme_(std::move(scheme)),
-        level_(std::move(first)),
-        ring_(level_.fields.fields(), mirrors.ring().size()) {}
+      : mirrors_(mirrors), scheme_(std::move(scheme)), level_(std::move(first)), previous_{{}, level_.slopes} {
+    if (is_short()) {
+      previous_.fields = FieldSet(level_.fields.fields(), mirrors.grid().size());
+    } else {
+      ring_ = FieldSet(level_.fields.fields(), mirrors.ring().size());
+    }
+  }
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return scheme_->system(); }
   [[nodiscard]] const grids::Grid& grid() const override { return mirrors_.grid(); }
-  [[nodiscard]] const LatticeLevel& level() const override { return level_; }
+  [[nodiscard]] const LatticeLevel& level() const override {
+    if (!level_is_current_) {
+      mirrors_.restrict(scheme_->level().fields, level_.fields);
+      level_is_current_ = true;
+    }
+    return level_;
+  }
+  [[nodiscard]] const LatticeLevel* previous() const override {
+    if (!is_short()) {
+      return nullptr;
+    }
+    if (!previous_is_current_) {
+      mirrors_.restrict(scheme_->previous()->fields, previous_.fields);
+      previous_is_current_ = true;
+    }
+    return &previous_;
+  }
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
     scheme_->stand(mirrors_.extended(level), mirrors_.extended(next), h);
     level_.fields.copy_from(level.fields);
+    level_is_current_ = true;
+    previous_is_current_ = false;
   }
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return scheme_->stages(); }
 
@@ -71,6 +93,12 @@ public:
   [[nodiscard]] std::string failure_reason() const override { return scheme_->failure_reason(); }
   void accept() override {
     scheme_->accept();
+    if (is_short()) {
+      // The level that is there becomes the one before.
+      std::swap(level_.fields, previous_.fields);
+      previous_is_current_ = std::exchange(level_is_current_, false);
+      return;
+    }
     mirrors_.restrict_within(scheme_->level().fields, level_.fields);
     // The rounding error of the mirrors would grow where solutions are unstable.
     mirrors_.extend(level_.fields, ring_);
@@ -80,15 +108,21 @@ public:
   void save(StateWriter& state) const override { scheme_->save(state); }
   void restore(StateReader& state) override {
     scheme_->restore(state);
-    mirrors_.restrict_within(scheme_->level().fields, level_.fields);
+    if (is_short()) {
+      level_is_current_ = previous_is_current_ = false;
+    } else {
+      mirrors_.restrict_within(scheme_->level().fields, level_.fields);
+    }
   }
 
 private:
   [[nodiscard]] double copies() const { return mirrors_.copies(); }
+  [[nodiscard]] bool is_short() const { return mirrors_.is_short(); }
 
   Mirrors mirrors_;
   std::unique_ptr<LatticeScheme> scheme_;
-  LatticeLevel level_;
+  mutable LatticeLevel level_, previous_;  ///< the second of the short ring alone, where `scheme_` has one
+  mutable bool level_is_current_ = true, previous_is_current_ = false;
   FieldSet ring_;
 };
 
@@ -107,11 +141,11 @@ public:
   }
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     take(before, after);
-    return taken(equation_->judge(before_, after_, h));
+    return taken(equation_->judge(before_, after_, h), before, after, h);
   }
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     take(before, after);
-    return taken(equation_->measure(before_, after_, h));
+    return taken(equation_->measure(before_, after_, h), before, after, h);
   }
 
 private:
@@ -119,8 +153,15 @@ private:
     mirrors_.extend(before.fields, before_.fields);
     mirrors_.extend(after.fields, after_.fields);
   }
-  StepLaw taken(const StepLaw& law) {
+  StepLaw taken(StepLaw law, const LatticeLevel& before, const LatticeLevel& after, double h) {
     mirrors_.restrict(equation_->rows(), rows_);
+    if (mirrors_.is_short()) {
+      // There nothing but that they stay is asked of what walls hold.
+      for (const auto& [field, node] : mirrors_.held()) {
+        rows_.field(field)[node] = (after.fields.field(field)[node] - before.fields.field(field)[node]) / h;
+      }
+      law.residual = grids::magnitudes(rows().all());
+    }
     return between_walls(law, mirrors_.copies());
   }
 
@@ -130,14 +171,14 @@ private:
 };
 
 /// Residuals are those on the ring at the nodes between the walls. Totals are integrals of the densities with spectral
-/// derivatives on the ring: those of momentum towards a wall vanish on the whole of it.
+/// derivatives on the ring, on the short one with central differences: those of momentum towards a wall vanish on the
+/// whole of it.
 class MirroredLaws final : public LawEvaluator {
 public:
   MirroredLaws(const Mirrors& mirrors, LawTables tables, std::unique_ptr<LawEvaluator> laws)
       : mirrors_(mirrors),
         tables_(std::move(tables)),
         laws_(std::move(laws)),
-        derivative_(mirrors.ring(), Collocation::nodes),
         coordinates_(tables_.system, mirrors.ring(), Within::node),
         before_{FieldSet(tables_.d, mirrors.ring().size()), {}},
         after_(before_),
@@ -155,6 +196,11 @@ public:
     }
     along_.assign(static_cast<std::size_t>(mirrors.grid().dimensions()),
                   FieldSet(static_cast<int>(differentiated_.size()), mirrors.ring().size()));
+    if (mirrors.is_short()) {
+      at_nodes_ = after_.fields;
+    } else {
+      spectral_.emplace(mirrors.ring(), Collocation::nodes);
+    }
   }
 
   [[nodiscard]] const LawTables& tables() const override { return tables_; }
@@ -181,14 +227,18 @@ public:
   }
   std::vector<double> totals_after(const LatticeLevel&) override {
     const std::size_t nodes = mirrors_.ring().size();
-    std::vector<const double*> z = coordinates_.after(std::as_const(after_.fields).pointers());
+    if (mirrors_.is_short()) {
+      bring_to_nodes();
+    }
+    std::vector<const double*> z =
+        coordinates_.after(std::as_const(mirrors_.is_short() ? at_nodes_ : after_.fields).pointers());
     std::vector<const double*> rows;
     for (const int f : differentiated_) {
-      rows.push_back(z[static_cast<std::size_t>(f)]);
+      rows.push_back(after_.fields.field(f).data());
     }
     std::vector<std::array<const double*, 4>> derivatives(static_cast<std::size_t>(tables_.d));
     for (std::size_t a = 0; a < along_.size(); ++a) {
-      derivative_(static_cast<int>(a), rows, along_[a].pointers());
+      differentiate(static_cast<int>(a), rows, along_[a].pointers());
       for (std::size_t r = 0; r < differentiated_.size(); ++r) {
         derivatives[static_cast<std::size_t>(differentiated_[r])][1 + a] =
             std::as_const(along_[a]).field(static_cast<int>(r)).data();
@@ -210,6 +260,42 @@ public:
   }
 
 private:
+  /// Between the walls of the short ring: means of the fields between nodes.
+  void bring_to_nodes() {
+    at_nodes_.copy_from(after_.fields);
+    for (int f = 0; f < tables_.d; ++f) {
+      for (int a = 0; a < mirrors_.grid().dimensions(); ++a) {
+        const int offset = mirrors_.offset(a, f);
+        if (const auto stride = static_cast<std::ptrdiff_t>(mirrors_.ring().stride(a)); offset != 0) {
+          each_within(stride, after_.fields.field(f), at_nodes_.field(f).data(),
+                      [&](const double* here) { return 0.5 * (here[0] + here[-offset * stride]); });
+        }
+      }
+    }
+  }
+  void differentiate(int axis, std::span<const double* const> rows, std::span<double* const> out) {
+    if (spectral_) {
+      (*spectral_)(axis, rows, out);
+      return;
+    }
+    const auto stride = static_cast<std::ptrdiff_t>(mirrors_.ring().stride(axis));
+    const double inverse = 1.0 / mirrors_.ring().spacing(axis);
+    for (std::size_t r = 0; r < rows.size(); ++r) {
+      const int offset = mirrors_.offset(axis, differentiated_[r]);
+      const std::span<const double> in(rows[r], mirrors_.ring().size());
+      const double factor = offset == 0 ? 0.5 * inverse : inverse;
+      const std::ptrdiff_t next = offset > 0 ? 0 : stride, last = offset < 0 ? 0 : -stride;
+      each_within(stride, in, out[r], [&](const double* here) { return factor * (here[next] - here[last]); });
+    }
+  }
+  /// out = of(in) where a neighbour so far on both sides is there.
+  template <class Of>
+  static void each_within(std::ptrdiff_t stride, std::span<const double> in, double* out, const Of& of) {
+    for (auto node = stride; node < std::ssize(in) - stride; ++node) {
+      out[node] = of(in.data() + node);
+    }
+  }
+
   std::vector<Spread> taken(std::span<double* const> residuals) {
     mirrors_.restrict(of_laws_, between_);
     return write_residuals(between_, residuals);
@@ -218,11 +304,12 @@ private:
   Mirrors mirrors_;
   LawTables tables_;
   std::unique_ptr<LawEvaluator> laws_;
-  NodeDerivative derivative_;
+  std::optional<NodeDerivative> spectral_;  ///< on the ring of mirrors
   PlacedCoordinates coordinates_;
   std::vector<int> differentiated_;  ///< fields, the rows of every Λ₊
   std::vector<FieldSet> along_;      ///< their derivatives along each axis
   LatticeLevel before_, after_;      ///< of the ring
+  FieldSet at_nodes_;                ///< fields there, of the short ring
   FieldSet of_laws_, between_, S_values_;
   formula::BatchEvaluator S_;
 };
@@ -252,12 +339,15 @@ public:
 
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    const Mirrors mirrors(system, grid, Collocation::nodes);  // what is given is given at nodes
+    const std::size_t ghosts = method_->wall_ghosts(system);
+    const Mirrors mirrors(system, grid, Collocation::nodes, ghosts);  // what is given is given at nodes
     InitialFields met = given;
     std::vector<std::string> cautions = meet_walls(system, mirrors, met);
     InitialFields on_ring(met.size());
     for (std::size_t f = 0; f < met.size(); ++f) {
-      if (met[f]) {
+      // On the short ring what is computed is wrong at the seam, and compared between the walls.
+      const bool is_compared = mirrors.is_short() && system.structure().algebraic[f];
+      if (met[f] && !is_compared) {
         mirrors.extend(static_cast<int>(f), *met[f], on_ring[f].emplace(mirrors.ring().size()));
       }
     }
@@ -265,24 +355,30 @@ public:
     // A field that goes on in mirrors has no slope but that of rounding.
     LatticeLevel level{FieldSet(system.field_count(), grid.size()), {}};
     mirrors.restrict(ring.level.fields, level.fields);
-    const Mirrors own(system, grid, collocation_);
+    const Mirrors own = mirrors_of(system, grid);
     own.restrict(own.extended(level).fields, level.fields);
+    for (std::size_t f = 0; f < met.size(); ++f) {
+      if (met[f] && mirrors.is_short() && system.structure().algebraic[f] && !system.structure().multiplier[f]) {
+        check_agreement(system, grid, collocation_, static_cast<int>(f), met, level,
+                        system.structure().level_constraints);
+      }
+    }
     return {std::move(level), std::move(cautions)};
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
-    const Mirrors mirrors(system, grid, collocation_);
+    const Mirrors mirrors = mirrors_of(system, grid);
     auto scheme = method_->scheme(system, mirrors.ring(), mirrors.extended(first), first_step);
     return std::make_unique<MirroredScheme>(mirrors, std::move(scheme), std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
-    const Mirrors mirrors(tables.system, tables.grid, collocation_);
+    const Mirrors mirrors = mirrors_of(tables.system, tables.grid);
     auto laws = method_->laws(LawTables(tables.system, mirrors.ring(), tables.symmetries));
     return std::make_unique<MirroredLaws>(mirrors, std::move(tables), std::move(laws));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    const Mirrors mirrors(system, grid, collocation_);
+    const Mirrors mirrors = mirrors_of(system, grid);
     return std::make_unique<MirroredEquation>(
         mirrors, method_->equation(system, mirrors.ring(), mirrors.extended(first), first_step), first);
   }
@@ -291,6 +387,10 @@ public:
   }
 
 private:
+  [[nodiscard]] Mirrors mirrors_of(const MultisymplecticSystem& system, const grids::Grid& grid) const {
+    return {system, grid, collocation_, method_->wall_ghosts(system)};
+  }
+
   std::unique_ptr<LatticeMethod> method_;
   Collocation collocation_;
 };

@@ -1,6 +1,7 @@
 #include <rubato/pde/mirrors.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -33,99 +34,50 @@ grids::Axis ring_of(const grids::Axis& axis, bool is_mixed) {
           .mirrored = between};
 }
 
-}  // namespace
-
-MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const std::string& name) {
-  const auto d = static_cast<std::size_t>(system.field_count());
-  of_field.assign(d, 0);
-  couples.assign(d, false);
-  // The sign that one field gives another; 0 where they are not coupled.
-  const auto relation = [&](std::size_t f, std::size_t g) {
-    const auto row = static_cast<Eigen::Index>(f), column = static_cast<Eigen::Index>(g);
-    int sign = system.M()(row, column) != 0.0 ? 1 : 0;
-    bool clash = false;
-    for (int a = 0; a < system.directions(); ++a) {
-      if (system.K(a)(row, column) != 0.0) {
-        const int here = a == axis ? -1 : 1;
-        clash = clash || (sign != 0 && sign != here);
-        sign = here;
-      }
-    }
-    return std::pair(sign, clash);
-  };
-  const auto moves = [&](std::size_t f) { return !system.M().row(static_cast<Eigen::Index>(f)).isZero(0.0); };
-  std::vector<std::size_t> order;
-  for (const bool moving : {true, false}) {
-    for (std::size_t f = 0; f < d; ++f) {
-      if (moves(f) == moving) {
-        order.push_back(f);
-      }
-    }
-  }
-  for (const std::size_t lead : order) {
-    if (of_field[lead] != 0) {
-      continue;
-    }
-    of_field[lead] = 1;
-    std::vector<std::size_t> joined = {lead};
-    bool any = false;
-    for (std::size_t i = 0; i < joined.size(); ++i) {
-      const std::size_t f = joined[i];
-      for (std::size_t g = 0; g < d; ++g) {
-        const auto [sign, clash] = relation(f, g);
-        if (sign == 0) {
-          continue;
-        }
-        any = any || system.K(axis)(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(g)) != 0.0;
-        if (of_field[g] == 0) {
-          of_field[g] = sign * of_field[f];
-          joined.push_back(g);
-        }
-        if (clash || of_field[g] != sign * of_field[f]) {
-          throw SchemeRefusal(
-              fmt::format("walls along {0} need an equation that is the same in a mirror, and M and K couple {1} with "
-                          "{2} so that no "
-                          "signs of the fields make it so: leave left and right out",
-                          name, system.fields()[f], system.fields()[g]));
-        }
-      }
-    }
-    for (const std::size_t f : joined) {
-      couples[f] = any;
-    }
-  }
+grids::Axis with_ghosts(const grids::Axis& axis, std::size_t ghosts) {
+  grids::Axis ring = axis;
+  ring.mirrored = axis.cells - 1;
+  ring.ghosts = ghosts;
+  ring.cells += 2 * ghosts;
+  return ring;
 }
 
-Mirrors::Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
-    : grid_(grid), ring_(grid) {
+}  // namespace
+
+Mirrors::Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
+                 std::size_t ghosts)
+    : grid_(grid), ring_(grid), mirrors_(system, grid, collocation) {
   std::vector<grids::Axis> axes;
-  const FieldStructure& structure = system.structure();
   for (int a = 0; a < grid.dimensions(); ++a) {
     const grids::Axis& axis = grid.axis(a);
-    std::vector<int>& offsets = offsets_.emplace_back(static_cast<std::size_t>(system.field_count()), 0);
-    signs_.emplace_back();
-    bool is_mixed = false;
-    if (axis.has_walls()) {
-      const MirrorSigns& signs = signs_.back().emplace(system, a, axis.name);
-      const Eigen::MatrixXd& plus = structure.K_plus[static_cast<std::size_t>(a)];
+    if (!axis.has_walls()) {
+      axes.push_back(axis);
+    } else if (ghosts > 0) {
+      axes.push_back(with_ghosts(axis, ghosts));
+    } else {
+      bool is_mixed = false;
       for (int f = 0; f < system.field_count(); ++f) {
-        is_mixed = is_mixed || signs.at(f, axis.left) != signs.at(f, axis.right);
-        if (collocation == Collocation::corners && structure.algebraic[static_cast<std::size_t>(f)]) {
-          offsets[static_cast<std::size_t>(f)] = !plus.row(f).isZero(0.0) ? 1 : !plus.col(f).isZero(0.0) ? -1 : 0;
-        }
+        is_mixed = is_mixed || sign(a, f, axis.left) != sign(a, f, axis.right);
       }
+      axes.push_back(ring_of(axis, is_mixed));
       copies_ *= is_mixed ? 4.0 : 2.0;
     }
-    axes.push_back(ring_of(axis, is_mixed));
   }
   ring_ = grids::Grid(std::move(axes));
-  for (std::size_t node = 0; node < grid.size(); ++node) {
-    const auto place = grid.place(node);
-    for (int a = 0; a < grid.dimensions(); ++a) {
+  if (ghosts > 0) {
+    ghosts_.emplace(mirrors_, ring_);
+  }
+  find_held(system);
+}
+
+void Mirrors::find_held(const MultisymplecticSystem& system) {
+  for (std::size_t node = 0; node < grid_.size(); ++node) {
+    const auto place = grid_.place(node);
+    for (int a = 0; a < grid_.dimensions(); ++a) {
       const std::size_t at = place[static_cast<std::size_t>(a)];
-      const bool on_wall = grid.axis(a).has_walls() && (at == 0 || at + 1 == grid.cells(a));
+      const bool on_wall = grid_.axis(a).has_walls() && (at == 0 || at + 1 == grid_.cells(a));
       for (int f = 0; on_wall && f < system.field_count(); ++f) {
-        if (is_at_nodes(a, f) && sign(a, f, at == 0 ? grid.axis(a).left : grid.axis(a).right) < 0) {
+        if (offset(a, f) == 0 && sign(a, f, at == 0 ? grid_.axis(a).left : grid_.axis(a).right) < 0) {
           held_.emplace_back(f, node);
         }
       }
@@ -162,6 +114,13 @@ void Mirrors::extend_blocks(int axis, int field, std::size_t block, std::span<do
 }
 
 void Mirrors::extend(int field, std::span<const double> between, std::span<double> ring) const {
+  if (ghosts_) {
+    for_each_line([&](std::size_t from, std::size_t to) {
+      std::copy_n(between.data() + from, grid_.cells(0), ring.data() + to);
+    });
+    ghosts_->renew(field, ring);
+    return;
+  }
   int last = grid_.dimensions() - 1;
   while (!grid_.axis(last).has_walls()) {
     --last;
@@ -199,12 +158,22 @@ LatticeLevel Mirrors::extended(const LatticeLevel& between) const {
   return level;
 }
 
-void Mirrors::restrict(std::span<const double> ring, std::span<double> between) const {
+template <class Use>
+void Mirrors::for_each_line(const Use& use) const {
+  std::array<std::size_t, 3> ghosts{};
+  for (int a = 0; a < ring_.dimensions(); ++a) {
+    ghosts[static_cast<std::size_t>(a)] = ring_.axis(a).ghosts;
+  }
   const std::size_t n = grid_.cells(0), lines = grid_.size() / n;
   for (std::size_t line = 0; line < lines; ++line) {
     const auto [_, j, k] = grid_.place(line * n);
-    std::copy_n(ring.data() + ring_.index(0, j, k), n, between.data() + line * n);
+    use(line * n, ring_.index(ghosts[0], j + ghosts[1], k + ghosts[2]));
   }
+}
+
+void Mirrors::restrict(std::span<const double> ring, std::span<double> between) const {
+  for_each_line(
+      [&](std::size_t to, std::size_t from) { std::copy_n(ring.data() + from, grid_.cells(0), between.data() + to); });
 }
 
 void Mirrors::restrict(const grids::FieldSet& ring, grids::FieldSet& between) const {

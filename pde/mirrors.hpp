@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -10,25 +9,12 @@
 
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
-#include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/mirror_signs.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/wall_ghosts.hpp>
 
 namespace rubato {
-
-/// The signs R = diag(±1) of the fields in a mirror normal to one axis (theory, section 12): RMR = M, RK_aR = -K_a and
-/// RK_bR = K_b for the other axes, so that R z(-x) solves the equation with z(x) where S(Rz) = S(z).
-struct MirrorSigns {
-  std::vector<int> of_field;  ///< in a free wall; of fields that `couples`, the opposite in a fixed one
-  std::vector<bool> couples;  ///< fields that K_a joins with others, through any of them
-
-  /// \throws SchemeRefusal, naming the fields, if no signs fit M and K
-  MirrorSigns(const MultisymplecticSystem& system, int axis, const std::string& name);
-  [[nodiscard]] int at(int field, grids::End wall) const {
-    const auto f = static_cast<std::size_t>(field);
-    return wall == grids::End::fixed && couples[f] ? -of_field[f] : of_field[f];
-  }
-};
 
 /// The space between walls as a part of a ring on which z goes on in mirrors: about a node 0 of a wall
 ///
@@ -36,41 +22,47 @@ struct MirrorSigns {
 ///
 /// Two walls with the same signs make a ring of twice the length, others of four times. A solution on the ring that
 /// begins so stays so if the scheme is the same in the mirror, and is the solution between the walls.
+///
+/// Schemes whose nodes read few neighbours take the short ring: the nodes between the walls, and beyond them no more of
+/// the mirrors than a step reads (WallGhosts), so that nodes within never meet its seam. Both walls may hold different
+/// values there, and S need not be the same in the mirror.
 class Mirrors {
 public:
-  /// \param collocation of the scheme: with corners fields that follow by differences live between nodes
+  /// \param collocation of the scheme \param ghosts beyond each wall of the short ring; 0: the ring of mirrors
   /// \throws SchemeRefusal as MirrorSigns
-  Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation);
+  Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
+          std::size_t ghosts = 0);
 
   [[nodiscard]] const grids::Grid& grid() const { return grid_; }
   [[nodiscard]] const grids::Grid& ring() const { return ring_; }
-  /// How often the space between the walls is in the ring.
+  [[nodiscard]] bool is_short() const { return ghosts_.has_value(); }
+  /// How often the space between the walls is in the ring, for sums over it; of the short one they are 1.
   [[nodiscard]] double copies() const { return copies_; }
   /// +1, or -1 where the wall holds the field at its value there.
-  [[nodiscard]] int sign(int axis, int field, grids::End wall) const {
-    return signs_[static_cast<std::size_t>(axis)]->at(field, wall);
-  }
-  /// True if the field has values on the walls of the axis.
-  [[nodiscard]] bool is_at_nodes(int axis, int field) const { return offset(axis, field) == 0; }
+  [[nodiscard]] int sign(int axis, int field, grids::End wall) const { return mirrors_.sign(axis, field, wall); }
+  /// As FieldMirrors has it.
+  [[nodiscard]] int offset(int axis, int field) const { return mirrors_.offset(axis, field); }
 
   void extend(int field, std::span<const double> between, std::span<double> ring) const;
   void extend(const grids::FieldSet& between, grids::FieldSet& ring) const;
   [[nodiscard]] LatticeLevel extended(const LatticeLevel& between) const;
   void restrict(std::span<const double> ring, std::span<double> between) const;
   void restrict(const grids::FieldSet& ring, grids::FieldSet& between) const;
+  /// Fields and nodes between the walls that these hold.
+  [[nodiscard]] const std::vector<std::pair<int, std::size_t>>& held() const { return held_; }
   /// The same but for the values that walls hold, which stay as they are.
   void restrict_within(const grids::FieldSet& ring, grids::FieldSet& between) const;
 
 private:
-  [[nodiscard]] int offset(int axis, int field) const {
-    return offsets_[static_cast<std::size_t>(axis)][static_cast<std::size_t>(field)];
-  }
   void extend_blocks(int axis, int field, std::size_t block, std::span<double> values) const;
+  void find_held(const MultisymplecticSystem& system);
+  /// Calls use(in between, in the ring) with the first nodes of each line between the walls.
+  template <class Use>
+  void for_each_line(const Use& use) const;
 
   grids::Grid grid_, ring_;
-  std::vector<std::optional<MirrorSigns>> signs_;  ///< of each axis; none where it is periodic
-  /// 1 for fields half a cell after their node along the axis, -1 before it, 0 at it.
-  std::vector<std::vector<int>> offsets_;
+  FieldMirrors mirrors_;
+  std::optional<WallGhosts> ghosts_;  ///< of the short ring
   double copies_ = 1.0;
   std::vector<std::pair<int, std::size_t>> held_;  ///< fields and nodes
 };

@@ -86,7 +86,7 @@ std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<cons
   double most = rounding_of_values * grids::max_abs(values);
   for (int a = 0; a < grid.dimensions(); ++a) {
     const std::size_t n = grids::whole_of(grid).cells(a);
-    if (n < shortest_line) {
+    if (n < shortest_line || grid.axis(a).ghosts > 0) {
       continue;
     }
     Line line(n), shown(n);

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <rubato/pde/lattice_scheme.hpp>
+#include <rubato/pde/static_condensation.hpp>
 
 namespace rubato {
 
@@ -69,9 +70,13 @@ public:
   std::vector<std::string> meet() {
     std::vector<std::vector<double>> held;
     for (const WallPlace& wall : walls_of(grid_)) {
-      held.push_back(hold(wall));
-      if (wall.is_right) {
-        compare(wall, held[held.size() - 2], held.back());
+      if (mirrors_.is_short()) {
+        hold_rates(wall);
+      } else {
+        held.push_back(hold(wall));
+        if (wall.is_right) {
+          compare(wall, held[held.size() - 2], held.back());
+        }
       }
       look_at_slopes(wall);
     }
@@ -82,6 +87,22 @@ private:
   [[nodiscard]] const std::string& name(std::size_t field) const { return system_.fields()[field]; }
   [[nodiscard]] int sign(const WallPlace& wall, std::size_t field) const {
     return mirrors_.sign(wall.axis, static_cast<int>(field), wall.end(grid_));
+  }
+
+  /// Where a wall holds fields at whatever values they begin with: momenta, which say that these do not change.
+  void hold_rates(const WallPlace& wall) {
+    for (std::size_t f = 0; f < given_.size(); ++f) {
+      const auto row = static_cast<int>(f);
+      bool acts_in_space = false;
+      for (int a = 0; a < system_.directions(); ++a) {
+        acts_in_space = acts_in_space || !system_.K(a).row(row).isZero(0.0);
+      }
+      if (given_[f] && sign(wall, f) < 0 && !acts_in_space && !system_.M().row(row).isZero(0.0)) {
+        if (const auto linear = linear_row(system_, row)) {
+          hold(wall, f, 0.0 - linear->b / linear->a);
+        }
+      }
+    }
   }
 
   /// The values that a wall holds fields at, 0 for others.
@@ -110,31 +131,37 @@ private:
 
   /// The value that a wall holds one field at.
   double hold(const WallPlace& wall, std::size_t f, const std::vector<int>& signs, std::vector<double> centre) {
-    std::vector<double>& values = *given_[f];
-    const double largest = largest_of_values(values), here = value_at(wall, f);
+    const double largest = largest_of_values(*given_[f]), here = value_at(wall, f);
     centre[f] = std::abs(here) <= met_to_rounding * largest ? 0.0 : here;
     if (find_changed_term(system_, signs, centre)) {
       centre[f] = 0.0;
     }
+    hold(wall, f, centre[f]);
+    return centre[f];
+  }
+
+  /// Lets a field be `held` at a wall.
+  void hold(const WallPlace& wall, std::size_t f, double held) {
+    std::vector<double>& values = *given_[f];
+    const double largest = largest_of_values(values), here = value_at(wall, f);
     double miss = 0.0;
     wall.for_each_node(grid_, [&](std::size_t node, std::ptrdiff_t) {
-      miss = std::max(miss, std::abs(values[node] - centre[f]));
-      values[node] = centre[f];
+      miss = std::max(miss, std::abs(values[node] - held));
+      values[node] = held;
     });
     if (!(miss <= not_met * largest)) {
       throw InitialFieldError(
           static_cast<int>(f),
           fmt::format("{0} is up to {1:.6g} at the {2} wall at {3}, which holds it at {4:.6g}: give initial data that "
                       "meet the wall, or another wall",
-                      name(f), here, wall.end(grid_) == End::fixed ? "fixed" : "free", wall.name(grid_), centre[f]));
+                      name(f), here, wall.end(grid_) == End::fixed ? "fixed" : "free", wall.name(grid_), held));
     }
     if (miss > met_to_rounding * largest) {
       cautions_.push_back(
           fmt::format("{0} misses by {1:.2g} the value {2:.6g} at which the wall at {3} holds it, and is set to that "
                       "there: what is left of the difference runs into the domain as short waves",
-                      name(f), miss, centre[f], wall.name(grid_)));
+                      name(f), miss, held, wall.name(grid_)));
     }
-    return centre[f];
   }
 
   [[nodiscard]] double value_at(const WallPlace& wall, std::size_t f) const {

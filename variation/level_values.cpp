@@ -86,7 +86,8 @@ private:
     if (input.kind == Kind::slope) {
       return {};
     }
-    if (input.kind == Kind::uniform || input.number >= 2 * arrays_.of_level + arrays_.steady) {
+    if (input.kind == Kind::uniform || input.kind == Kind::axis ||
+        input.number >= 2 * arrays_.of_level + arrays_.steady) {
       return {.level = std::nullopt, .anchor = {}};
     }
     const Level level = input.number >= 2 * arrays_.of_level ? steady

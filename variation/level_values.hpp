@@ -58,6 +58,18 @@ public:
     find(level, upper_, read);
   }
 
+  /// Of the upper level, at these ranges of nodes alone, where it has changed.
+  template <class Read>
+  void renew(const grids::FieldSet& level, std::span<const std::pair<std::size_t, std::size_t>> ranges,
+             const Read& read) {
+    if (upper_.fields() > 0) {
+      read(code_, level);
+      for (const auto& [begin, end] : ranges) {
+        code_.evaluate(0, begin, end, upper_.pointers());
+      }
+    }
+  }
+
   [[nodiscard]] const grids::FieldSet& lower() const { return lower_; }
   [[nodiscard]] const grids::FieldSet& upper() const { return upper_; }
   [[nodiscard]] grids::FieldSet& upper() { return upper_; }

@@ -5,12 +5,14 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <iterator>
 #include <set>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
 #include <rubato/grids/parallel.hpp>
+#include <rubato/variation/weighted_terms.hpp>
 
 namespace rubato {
 
@@ -30,8 +32,8 @@ std::size_t moved(std::size_t i, int by, std::size_t of) {
 }  // namespace
 
 NodeCode::NodeCode(std::span<const formula::Expression> outputs, std::span<const NodeInput> inputs,
-                   const grids::Grid& grid)
-    : cells_{grid.cells(0), grid.cells(1), grid.cells(2)}, outputs_(outputs.size()) {
+                   const grids::Grid& grid, std::vector<PlaceNumbers> of_axes)
+    : cells_{grid.cells(0), grid.cells(1), grid.cells(2)}, of_axes_(std::move(of_axes)), outputs_(outputs.size()) {
   std::set<std::size_t> read;
   for (const formula::Expression& output : outputs) {
     const auto numbers = formula::variables_of(output);
@@ -130,8 +132,20 @@ void NodeCode::place_inputs(Workspace& work, std::size_t line, std::size_t begin
     const std::size_t other = moved(layer, input.offset[2], layers) * rows + moved(row, input.offset[1], rows);
     if (input.kind == NodeInput::Kind::slope) {
       work.fill(j, slopes_->at(input.number, other));
-    } else if (input.kind == NodeInput::Kind::node) {
-      const double* const start = arrays_[static_cast<std::size_t>(input.number)] + other * n;
+      continue;
+    }
+    const double* start = nullptr;
+    if (input.kind == NodeInput::Kind::node) {
+      start = arrays_[static_cast<std::size_t>(input.number)] + other * n;
+    } else if (input.kind == NodeInput::Kind::axis) {
+      const PlaceNumbers& numbers = of_axes_[static_cast<std::size_t>(input.number)];
+      if (numbers.axis == 0) {
+        start = numbers.values.data();
+      } else {
+        work.fill(j, numbers.values[numbers.axis == 1 ? other % rows : other / rows]);
+      }
+    }
+    if (start != nullptr) {
       const auto from = static_cast<std::ptrdiff_t>(begin) + input.offset[0];
       const auto to = from + static_cast<std::ptrdiff_t>(count);
       if (from >= 0 && to <= static_cast<std::ptrdiff_t>(n)) {
@@ -196,6 +210,93 @@ formula::Expression NodeFormulas::in_cell(const grids::SpaceOperator& op, int ar
     add_weighted(total, weight / scale, node(array, offset));
   }
   return scale == 1.0 ? total : scale * total;
+}
+
+formula::Expression NodeFormulas::along_axis(const PlaceNumbers& numbers, int offset) {
+  const auto known = std::ranges::find(of_axes_, numbers);
+  const auto number = static_cast<int>(known - of_axes_.begin());
+  if (known == of_axes_.end()) {
+    of_axes_.push_back(numbers);
+  }
+  std::array<int, 3> place{};
+  place.at(static_cast<std::size_t>(numbers.axis)) = offset;
+  return variable({{}, NodeInput::Kind::axis, number, place});
+}
+
+formula::Expression NodeFormulas::at(const NodeInput& input, const std::array<int, 3>& offset) {
+  switch (input.kind) {
+    case NodeInput::Kind::node: return node(input.number, offset);
+    case NodeInput::Kind::slope: return slope(input.number, offset);
+    case NodeInput::Kind::axis: {
+      const PlaceNumbers numbers = of_axes_[static_cast<std::size_t>(input.number)];
+      return along_axis(numbers, offset.at(static_cast<std::size_t>(numbers.axis)));
+    }
+    case NodeInput::Kind::uniform: break;
+  }
+  return uniform(input.number);
+}
+
+std::vector<NodeInput> NodeFormulas::inputs_of(formula::Expression formula) const {
+  std::vector<NodeInput> found;
+  const auto numbers = formula::variables_of(formula);
+  std::ranges::copy_if(inputs_, std::back_inserter(found), [&](const NodeInput& input) {
+    return std::ranges::binary_search(numbers, formula::variables_of(input.variable).front());
+  });
+  return found;
+}
+
+std::array<int, 3> NodeFormulas::middle_of(formula::Expression formula, const Shift& shift) const {
+  std::optional<std::array<int, 3>> first, last;
+  for (const NodeInput& input : inputs_of(formula)) {
+    if (input.kind == NodeInput::Kind::node) {
+      std::array<int, 3> place = shift(input);
+      for (std::size_t a = 0; a < place.size(); ++a) {
+        place[a] += 2 * input.offset[a];
+      }
+      first = first.value_or(place);
+      last = last.value_or(place);
+      for (std::size_t a = 0; a < place.size(); ++a) {
+        (*first)[a] = std::min((*first)[a], place[a]);
+        (*last)[a] = std::max((*last)[a], place[a]);
+      }
+    }
+  }
+  std::array<int, 3> middle{};
+  for (std::size_t a = 0; first && a < middle.size(); ++a) {
+    middle[a] = ((*first)[a] + (*last)[a]) / 2;
+  }
+  return middle;
+}
+
+formula::Expression NodeFormulas::between_walls(formula::Expression term, const std::array<int, 3>& middle) {
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    const grids::Axis& axis = grid_.axis(a);
+    if (axis.ghosts == 0) {
+      continue;
+    }
+    const int twice = middle.at(static_cast<std::size_t>(a)), odd = twice & 1;
+    const std::size_t left = axis.ghosts, right = left + axis.cell_count();
+    PlaceNumbers part{a, std::vector<double>(axis.cells, 0.0)};
+    std::fill(part.values.begin() + static_cast<std::ptrdiff_t>(left),
+              part.values.begin() + static_cast<std::ptrdiff_t>(right), 1.0);
+    if (odd == 0) {
+      part.values[left] = part.values[right] = 0.5;
+    }
+    term = along_axis(part, (twice - odd) / 2) * term;
+  }
+  return term;
+}
+
+formula::Expression NodeFormulas::between_walls(formula::Expression sum, const Shift& shift) {
+  if (!grid_.has_ghosts()) {
+    return sum;
+  }
+  const WeightedTerms terms(sum);
+  formula::Expression all;
+  for (const auto& [term, weight] : terms.terms()) {
+    add_weighted(all, weight, between_walls(term, middle_of(term, shift)));
+  }
+  return all.valid() ? all : graph_->constant(0.0);
 }
 
 void add_weighted(formula::Expression& sum, double weight, const formula::Expression& term) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <initializer_list>
 #include <memory>
 #include <optional>
@@ -31,12 +32,21 @@ struct NodeInput {
   enum class Kind {
     node,    ///< an array's value at the node so many nodes further along each axis, cyclically
     slope,   ///< the slope of a potential, of the line so much further: of PotentialSlopes, field `number`
+    axis,    ///< a number of each place along an axis, at that so much further: of PlaceNumbers `number`
     uniform  ///< the same number everywhere
   };
   formula::Expression variable;
   Kind kind = Kind::node;
-  int number = 0;               ///< of the array, the field, or the uniform number
+  int number = 0;               ///< of the array, the field, the PlaceNumbers, or the uniform number
   std::array<int, 3> offset{};  ///< in nodes
+};
+
+/// A number of each place along one axis.
+struct PlaceNumbers {
+  int axis = 0;
+  std::vector<double> values;
+
+  bool operator==(const PlaceNumbers&) const = default;
 };
 
 /// Formulas of a node and its neighbours, evaluated at all nodes of a periodic grid: neighbours are read where they
@@ -47,7 +57,8 @@ public:
   NodeCode() = default;
   /// Of the inputs those that no output depends on are left out.
   /// \throws std::invalid_argument if an output depends on a variable that is none of the inputs
-  NodeCode(std::span<const formula::Expression> outputs, std::span<const NodeInput> inputs, const grids::Grid& grid);
+  NodeCode(std::span<const formula::Expression> outputs, std::span<const NodeInput> inputs, const grids::Grid& grid,
+           std::vector<PlaceNumbers> of_axes = {});
 
   /// What evaluations read from now on: it has to stay there. Arrays are the fields of one set after those of the
   /// other.
@@ -89,6 +100,7 @@ private:
 
   std::array<std::size_t, 3> cells_{};
   std::vector<NodeInput> inputs_;
+  std::vector<PlaceNumbers> of_axes_;
   formula::BatchEvaluator prototype_;
   std::size_t outputs_ = 0;
   std::vector<Workspace> workspaces_;
@@ -114,6 +126,27 @@ public:
     return variable({{}, NodeInput::Kind::slope, field, {0, offset[1], offset[2]}});
   }
   [[nodiscard]] formula::Expression uniform(int number) { return variable({{}, NodeInput::Kind::uniform, number, {}}); }
+  /// A number of each place along an axis, at the place so much further.
+  [[nodiscard]] formula::Expression along_axis(const PlaceNumbers& numbers, int offset = 0);
+  /// What an input stands for at a node so far from this one.
+  [[nodiscard]] formula::Expression at(const NodeInput& input, const std::array<int, 3>& offset);
+  /// Those inputs that a formula depends on.
+  [[nodiscard]] std::vector<NodeInput> inputs_of(formula::Expression formula) const;
+
+  /// A term whose sum between walls is wanted, times the part of it that is there (grids::Axis::ghosts): one half where
+  /// the middle of what it reads is on a wall, and 0 beyond. \param middle twice the place of that, in nodes from this
+  /// one
+  [[nodiscard]] formula::Expression between_walls(formula::Expression term, const std::array<int, 3>& middle);
+  /// The same of each term of a sum. \param shift(input) twice the distance of a value from its node
+  ///@{
+  using Shift = std::function<std::array<int, 3>(const NodeInput& input)>;
+  [[nodiscard]] formula::Expression between_walls(formula::Expression sum, const Shift& shift);
+  [[nodiscard]] formula::Expression between_walls(formula::Expression sum) {
+    return between_walls(sum, [](const NodeInput&) { return std::array<int, 3>{}; });
+  }
+  ///@}
+  /// Twice the middle of what a formula reads.
+  [[nodiscard]] std::array<int, 3> middle_of(formula::Expression formula, const Shift& shift) const;
   /// A box operator of an array in a cell, nodes added with their signs first and scaled once: a difference of equal
   /// values is exactly zero.
   /// \throws std::invalid_argument for a spectral derivative, which reads all nodes
@@ -127,7 +160,9 @@ public:
   [[nodiscard]] std::span<const NodeInput> inputs() const { return inputs_; }
 
   /// Such formulas as code.
-  [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const { return {outputs, inputs_, grid_}; }
+  [[nodiscard]] NodeCode code(std::span<const formula::Expression> outputs) const {
+    return {outputs, inputs_, grid_, of_axes_};
+  }
 
 private:
   formula::Expression variable(NodeInput input);
@@ -135,6 +170,7 @@ private:
   grids::Grid grid_;
   std::shared_ptr<formula::Graph> graph_;
   std::vector<NodeInput> inputs_;
+  std::vector<PlaceNumbers> of_axes_;
 };
 
 /// sum + weight·term of formulas, a weight of ±1 as a sign; without what is zero. An invalid sum is none yet.

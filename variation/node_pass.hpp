@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -23,12 +24,13 @@ namespace rubato {
 ///     pass(0);
 ///     pass.sums();
 ///
-/// Results do not depend on the number of threads. Where `grid` is the part of a rank (grids::Slab) codes take turns,
-/// ghosts of what they write are refreshed in between where this is asked for, and sums are over the whole lattice.
+/// Results do not depend on the number of threads. Sums leave out ghosts of walls (grids::Axis::ghosts). Where `grid`
+/// is the part of a rank (grids::Slab) codes take turns, ghosts of what they write are refreshed in between where this
+/// is asked for, and sums are over the whole lattice.
 class NodePass {
 public:
   NodePass() = default;
-  explicit NodePass(const grids::Grid& grid) : nodes_(grid.size()), slab_(grids::Slab::of(grid)) {}
+  explicit NodePass(const grids::Grid& grid);
 
   /// Adds a code. \param written what its first outputs are, as the formulas number arrays
   /// \param ghosts_lost so many planes of ghosts are wrong in what it writes, and are refreshed; in fields alone
@@ -56,6 +58,7 @@ private:
     std::vector<double*> out;
   };
   [[nodiscard]] std::size_t blocks() const;
+  void clear_ghosts(std::span<double> values, std::size_t begin) const;
   void evaluate(Stage& stage, std::size_t thread, std::size_t begin, std::size_t end, CompensatedSum* sums);
   /// Block number `block` of all nodes, with its sums.
   void evaluate_block(Stage& stage, std::size_t thread, std::size_t block);
@@ -66,6 +69,7 @@ private:
 
   std::size_t nodes_ = 0;
   const grids::Slab* slab_ = nullptr;
+  std::optional<grids::Grid> with_ghosts_;  ///< the grid, where it has ghosts of walls
   std::vector<Stage> stages_;
   std::vector<grids::Buffer> scratch_;     ///< one for each thread: a block of each output that is not written
   std::vector<CompensatedSum> of_blocks_;  ///< [block][sum]

@@ -216,34 +216,44 @@ Expression NodeVariation::energy_of_level(std::span<const Expression> momenta, i
   return formula::substitute(energy, from, to);
 }
 
-std::vector<NodeInput> NodeVariation::inputs_of(Expression formula) const {
-  std::vector<NodeInput> found;
-  const auto numbers = formula::variables_of(formula);
-  for (const NodeInput& input : formulas_.inputs()) {
-    if (std::ranges::binary_search(numbers, formula::variables_of(input.variable).front())) {
-      found.push_back(input);
-    }
-  }
-  return found;
-}
-
 Expression NodeVariation::at_node(Expression formula, const Offset& further) {
   std::vector<Expression> from, to;
   for (const NodeInput& input : inputs_of(formula)) {
     if (input.kind != NodeInput::Kind::uniform) {
-      const Offset there = shifted(input.offset, further);
       from.push_back(input.variable);
-      to.push_back(input.kind == NodeInput::Kind::slope ? formulas_.slope(input.number, there)
-                                                        : formulas_.node(input.number, there));
+      to.push_back(formulas_.at(input, shifted(input.offset, further)));
     }
   }
   return from.empty() ? formula : formula::substitute(formula, from, to);
 }
 
+namespace {
+
+/// A sum of terms, each of which counts where its middle is between walls.
+class TermsByMiddle {
+public:
+  void add(Expression term, double weight, const std::array<int, 3>& middle) { by_middle_[middle].add(term, weight); }
+  [[nodiscard]] Expression sum(NodeFormulas& formulas) const {
+    Expression all;
+    for (const auto& [middle, terms] : by_middle_) {
+      if (const Expression sum = terms.sum(); sum.valid()) {
+        add_weighted(all, 1.0, formulas.between_walls(sum, middle));
+      }
+    }
+    return all.valid() ? all : formulas.graph().constant(0.0);
+  }
+
+private:
+  std::map<std::array<int, 3>, WeightedTerms> by_middle_;
+};
+
+}  // namespace
+
 NodeVariation::Summed NodeVariation::in_sum(Expression formula) {
   const int d = action_.fields;
+  const bool has_ghosts = formulas_.grid().has_ghosts();
   const WeightedTerms all(formula);
-  WeightedTerms of_slab, of_lower, of_upper;
+  TermsByMiddle of_slab, of_lower, of_upper;
   for (const auto& [term, weight] : all.terms()) {
     bool reads_lower = false, reads_upper = false, reads_slab = false;
     std::optional<Offset> first;
@@ -257,9 +267,18 @@ NodeVariation::Summed NodeVariation::in_sum(Expression formula) {
       }
       reads_slab = reads_slab || input.kind == NodeInput::Kind::uniform;
     }
+    // Between walls its middle becomes the node, or the middle between this one and the next.
+    Offset middle{};
+    if (has_ghosts && first) {
+      const Offset twice = formulas_.middle_of(term, [](const NodeInput&) { return Offset{}; });
+      for (std::size_t a = 0; a < middle.size(); ++a) {
+        middle[a] = twice[a] & 1;
+        (*first)[a] = (twice[a] - middle[a]) / 2;
+      }
+    }
     const Expression moved = first ? at_node(term, shifted({}, *first, -1)) : term;
     if (reads_slab || (reads_lower && reads_upper)) {
-      of_slab.add(moved, weight);
+      of_slab.add(moved, weight, middle);
     } else if (reads_lower) {
       std::vector<Expression> from, to;
       for (const NodeInput& input : inputs_of(moved)) {
@@ -268,16 +287,12 @@ NodeVariation::Summed NodeVariation::in_sum(Expression formula) {
           to.push_back(node(Level::after, input.number, input.offset));
         }
       }
-      of_lower.add(formula::substitute(moved, from, to), weight);
+      of_lower.add(formula::substitute(moved, from, to), weight, middle);
     } else {
-      of_upper.add(moved, weight);
+      of_upper.add(moved, weight, middle);
     }
   }
-  const auto or_zero = [&](const WeightedTerms& terms) {
-    const Expression sum = terms.sum();
-    return sum.valid() ? sum : formulas_.graph().constant(0.0);
-  };
-  return {or_zero(of_slab), or_zero(of_lower), or_zero(of_upper)};
+  return {of_slab.sum(formulas_), of_lower.sum(formulas_), of_upper.sum(formulas_)};
 }
 
 std::vector<Expression> NodeVariation::currents(const LatticeAction::Part& part, Offset cell) {

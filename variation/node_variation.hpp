@@ -60,6 +60,11 @@ public:
     formula::Expression of_upper;  ///< of the upper level alone, or of none
   };
   [[nodiscard]] Summed in_sum(formula::Expression formula);
+  /// The same formula, of which each term counts where it is between walls: see NodeFormulas.
+  [[nodiscard]] formula::Expression between_walls(formula::Expression formula) {
+    return formulas_.between_walls(formula);
+  }
+  [[nodiscard]] formula::Expression along_axis(const PlaceNumbers& numbers) { return formulas_.along_axis(numbers); }
 
   /// In the cell of the node, or one so far from it: J^ν_ρ of a part, as LatticeAction::currents() orders them;
   /// ∂L/∂(L_o x^ν).
@@ -98,7 +103,9 @@ public:
   /// What formulas so far are made of. Fields of the lower level are the arrays from 0, of the upper one from fields.
   [[nodiscard]] std::span<const NodeInput> inputs() const { return formulas_.inputs(); }
   /// Those of them that a formula depends on.
-  [[nodiscard]] std::vector<NodeInput> inputs_of(formula::Expression formula) const;
+  [[nodiscard]] std::vector<NodeInput> inputs_of(formula::Expression formula) const {
+    return formulas_.inputs_of(formula);
+  }
   /// The number of h among the uniform ones.
   static constexpr int number_of_h = 0;
   /// Keeps what formulas have of one level alone, in arrays after so many others: see LevelValues.

@@ -1,11 +1,15 @@
+#include <algorithm>
 #include <stdexcept>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <rubato/pde/action_consistency.hpp>
 #include <rubato/pde/action_scheme.hpp>
+#include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_method.hpp>
 
 namespace rubato {
@@ -56,6 +60,24 @@ public:
   [[nodiscard]] std::optional<Collocation> in_mirror() const override {
     return laws_in_cells() ? std::nullopt : std::optional(Collocation::corners);
   }
+  [[nodiscard]] std::size_t wall_ghosts(const MultisymplecticSystem& system) const override {
+    constexpr std::size_t of_laws = 3, few_cells = 8;
+    if (next_ || laws_in_cells()) {
+      return 0;
+    }
+    std::vector<grids::Axis> axes;
+    for (int a = 0; a < system.directions(); ++a) {
+      axes.push_back({std::string(1, static_cast<char>('a' + a)), 0.0, 1.0, few_cells});
+    }
+    const grids::Grid grid(std::move(axes));
+    try {
+      static_cast<void>(EulerBoxMap(system, grid));  // which makes the first level
+      const ActionStep step(system, grid, state_action(system, *density_), grid.spacing(0));
+      return step.is_explicit() && step.rows().begins_from_one_level() ? std::max(of_laws, step.lost_at_walls()) : 0;
+    } catch (const std::invalid_argument&) {
+      return 0;
+    }
+  }
   [[nodiscard]] std::string_view not_shared_in(int) const override {
     return "the rows of a stated action are solved on the whole lattice";
   }
@@ -69,7 +91,10 @@ public:
     for (int a = 0; a < grid.dimensions(); ++a) {
       is_odd = is_odd && !make_lattice_method(box)->other_count(grid.cells(a), grid.dimensions());
     }
-    InitialLevel level = prepare_initial_level(system, grid, given, is_odd ? Collocation::cells : Collocation::nodes);
+    InitialLevel level = prepare_initial_level(system, grid, given,
+                                               grid.has_ghosts() ? Collocation::corners
+                                               : is_odd          ? Collocation::cells
+                                                                 : Collocation::nodes);
     const double h = grid.spacing(0);
     refused([&] {
       const StatedAction stated = state_action(system, *density_);

@@ -173,6 +173,9 @@ public:
   /// far; laws take the divergence of currents that are made of differences.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override { return {3, 3}; }
   [[nodiscard]] std::optional<Collocation> in_mirror() const override { return Collocation::corners; }
+  [[nodiscard]] std::size_t wall_ghosts(const MultisymplecticSystem& system) const override {
+    return ghosts(system).before;
+  }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return leapfrog_action(system);
   }

@@ -1,0 +1,91 @@
+#include <rubato/pde/mirror_signs.hpp>
+
+#include <utility>
+
+#include <fmt/format.h>
+
+#include <rubato/pde/lattice_scheme.hpp>
+
+namespace rubato {
+
+MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const std::string& name) {
+  const auto d = static_cast<std::size_t>(system.field_count());
+  of_field.assign(d, 0);
+  couples.assign(d, false);
+  // The sign that one field gives another; 0 where they are not coupled.
+  const auto relation = [&](std::size_t f, std::size_t g) {
+    const auto row = static_cast<Eigen::Index>(f), column = static_cast<Eigen::Index>(g);
+    int sign = system.M()(row, column) != 0.0 ? 1 : 0;
+    bool clash = false;
+    for (int a = 0; a < system.directions(); ++a) {
+      if (system.K(a)(row, column) != 0.0) {
+        const int here = a == axis ? -1 : 1;
+        clash = clash || (sign != 0 && sign != here);
+        sign = here;
+      }
+    }
+    return std::pair(sign, clash);
+  };
+  const auto moves = [&](std::size_t f) { return !system.M().row(static_cast<Eigen::Index>(f)).isZero(0.0); };
+  std::vector<std::size_t> order;
+  for (const bool moving : {true, false}) {
+    for (std::size_t f = 0; f < d; ++f) {
+      if (moves(f) == moving) {
+        order.push_back(f);
+      }
+    }
+  }
+  for (const std::size_t lead : order) {
+    if (of_field[lead] != 0) {
+      continue;
+    }
+    of_field[lead] = 1;
+    std::vector<std::size_t> joined = {lead};
+    bool any = false;
+    for (std::size_t i = 0; i < joined.size(); ++i) {
+      const std::size_t f = joined[i];
+      for (std::size_t g = 0; g < d; ++g) {
+        const auto [sign, clash] = relation(f, g);
+        if (sign == 0) {
+          continue;
+        }
+        any = any || system.K(axis)(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(g)) != 0.0;
+        if (of_field[g] == 0) {
+          of_field[g] = sign * of_field[f];
+          joined.push_back(g);
+        }
+        if (clash || of_field[g] != sign * of_field[f]) {
+          throw SchemeRefusal(
+              fmt::format("walls along {0} need an equation that is the same in a mirror, and M and K couple {1} with "
+                          "{2} so that no "
+                          "signs of the fields make it so: leave left and right out",
+                          name, system.fields()[f], system.fields()[g]));
+        }
+      }
+    }
+    for (const std::size_t f : joined) {
+      couples[f] = any;
+    }
+  }
+}
+
+FieldMirrors::FieldMirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation) {
+  const FieldStructure& structure = system.structure();
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const grids::Axis& axis = grid.axis(a);
+    std::vector<int>& offsets = offsets_.emplace_back(static_cast<std::size_t>(system.field_count()), 0);
+    signs_.emplace_back();
+    if (axis.left == grids::End::periodic) {
+      continue;
+    }
+    signs_.back().emplace(system, a, axis.name);
+    const Eigen::MatrixXd& plus = structure.K_plus[static_cast<std::size_t>(a)];
+    for (int f = 0; collocation == Collocation::corners && f < system.field_count(); ++f) {
+      if (structure.algebraic[static_cast<std::size_t>(f)]) {
+        offsets[static_cast<std::size_t>(f)] = !plus.row(f).isZero(0.0) ? 1 : !plus.col(f).isZero(0.0) ? -1 : 0;
+      }
+    }
+  }
+}
+
+}  // namespace rubato

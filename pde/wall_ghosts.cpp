@@ -1,0 +1,54 @@
+#include <rubato/pde/wall_ghosts.hpp>
+
+namespace rubato {
+
+WallGhosts::WallGhosts(const FieldMirrors& mirrors, const grids::Grid& grid) : mirrors_(mirrors), grid_(grid) {
+  for (std::size_t node = 0; node < grid.size(); ++node) {
+    const auto place = grid.place(node);
+    bool is_meant = false;
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      const std::size_t at = place.at(static_cast<std::size_t>(a)), ghosts = grid.axis(a).ghosts;
+      is_meant = is_meant || (ghosts > 0 && (at <= ghosts || at + ghosts + 1 >= grid.cells(a)));
+    }
+    if (is_meant && !ranges_.empty() && ranges_.back().second == node) {
+      ++ranges_.back().second;
+    } else if (is_meant) {
+      ranges_.emplace_back(node, node + 1);
+    }
+  }
+}
+
+void WallGhosts::renew(int field, std::span<double> values) const {
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    const grids::Axis& axis = grid_.axis(a);
+    if (axis.ghosts == 0) {
+      continue;
+    }
+    const auto ghosts = static_cast<std::ptrdiff_t>(axis.ghosts), last = static_cast<std::ptrdiff_t>(axis.cell_count());
+    const auto block = static_cast<std::ptrdiff_t>(grid_.stride(a));
+    const int shift = mirrors_.offset(a, field);
+    // The places of `from` and `to`, counted from the left wall's node; `at` is the wall's.
+    const auto mirror = [&](double* line, std::ptrdiff_t from, std::ptrdiff_t to, std::ptrdiff_t at, bool is_even) {
+      const double* const source = line + (ghosts + from) * block;
+      const double* const held = line + (ghosts + at) * block;
+      double* const target = line + (ghosts + to) * block;
+      for (std::ptrdiff_t i = 0; i < block; ++i) {
+        target[i] = is_even ? source[i] : shift == 0 ? 2.0 * held[i] - source[i] : -source[i];
+      }
+    };
+    const bool left_even = mirrors_.sign(a, field, axis.left) > 0, right_even = mirrors_.sign(a, field, axis.right) > 0;
+    const std::size_t line = grid_.stride(a) * axis.cells;
+    for (std::size_t first = 0; first < values.size(); first += line) {
+      double* const at = values.data() + first;
+      // A value at a node, half a cell after it or before it has its mirror image so many places further.
+      for (std::ptrdiff_t to = shift < 0 ? 0 : -1; to >= -ghosts; --to) {
+        mirror(at, -shift - to, to, 0, left_even);
+      }
+      for (std::ptrdiff_t to = shift > 0 ? last : last + 1; to <= last + ghosts; ++to) {
+        mirror(at, 2 * last - shift - to, to, last, right_even);
+      }
+    }
+  }
+}
+
+}  // namespace rubato
