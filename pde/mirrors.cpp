@@ -158,6 +158,29 @@ LatticeLevel Mirrors::extended(const LatticeLevel& between) const {
   return level;
 }
 
+LatticeLevel Mirrors::extended_without_slope(const LatticeLevel& between) const {
+  LatticeLevel level = between;
+  for (int a = 0; a < grid_.dimensions(); ++a) {
+    const grids::Axis& axis = grid_.axis(a);
+    for (int f = 0; axis.has_walls() && f < level.fields.fields(); ++f) {
+      if (offset(a, f) != 0 || sign(a, f, axis.left) > 0 || sign(a, f, axis.right) > 0) {
+        continue;
+      }
+      const std::span<double> values = level.fields.field(f);
+      const std::size_t stride = grid_.stride(a), last = axis.cells - 1;
+      for (std::size_t node = 0; node < values.size(); ++node) {
+        if (grid_.place(node)[static_cast<std::size_t>(a)] == 0) {
+          const double rise = values[node + last * stride] - values[node];
+          for (std::size_t i = 1; i <= last && rise != 0.0; ++i) {
+            values[node + i * stride] -= rise * static_cast<double>(i) / static_cast<double>(last);
+          }
+        }
+      }
+    }
+  }
+  return extended(level);
+}
+
 template <class Use>
 void Mirrors::for_each_line(const Use& use) const {
   std::array<std::size_t, 3> ghosts{};

@@ -46,6 +46,9 @@ public:
   void extend(int field, std::span<const double> between, std::span<double> ring) const;
   void extend(const grids::FieldSet& between, grids::FieldSet& ring) const;
   [[nodiscard]] LatticeLevel extended(const LatticeLevel& between) const;
+  /// The same of a level without the straight lines between two walls that hold a field at different values, on which
+  /// no ring closes.
+  [[nodiscard]] LatticeLevel extended_without_slope(const LatticeLevel& between) const;
   void restrict(std::span<const double> ring, std::span<double> between) const;
   void restrict(const grids::FieldSet& ring, grids::FieldSet& between) const;
   /// Fields and nodes between the walls that these hold.

@@ -77,7 +77,7 @@ public:
       return;
     }
     if (mirrors_) {
-      meter_.measure(mirrors_->extended(lattice_.level()), number, t(), last_h_, measures);
+      meter_.measure(mirrors_->extended_without_slope(lattice_.level()), number, t(), last_h_, measures);
     } else {
       meter_.measure(lattice_.level(), number, t(), last_h_, measures);
     }

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <Eigen/Core>
 
+#include <rubato/figures/verdict.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
@@ -307,6 +308,7 @@ TEST_CASE("a kink rests between walls that hold it at different values") {
   const Outcome rests = outcome("");
   // The lattice changes the kink by Δx² u_xxxx/12 over S'', Δx²/6, and an oscillation doubles that.
   CHECK(rests.statistics.errors.front().value.largest() < 0.1 * 0.1 / 3.0);
+  CHECK(figures::judge(rests.statistics).verdict == figures::Verdict::good);
   CHECK(rests.statistics.node_energy.initial == Approx(8.0).epsilon(0.1 * 0.1 / 6.0));
   // The twin: what is no solution at rest moves.
   CHECK(outcome(" + sin(pi*x/20)/4").statistics.errors.front().value.largest() > 0.1);
