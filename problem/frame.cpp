@@ -151,7 +151,7 @@ std::vector<std::string> fitted_frame(const Problem& problem) {
     settings.push_back(fmt::format("scheme.frame.velocity=[{:.17g}]", fmt::join(fitted.velocity, ", ")));
   }
   if (!frame.symmetry.empty() && !frame.rate) {
-    settings.push_back(fmt::format("scheme.frame.phase.{}={:.17g}", frame.symmetry, fitted.rate));
+    settings.push_back(fmt::format("scheme.frame.phase={{ {} = {:.17g} }}", frame.symmetry, fitted.rate));
   }
   return settings;
 }

@@ -179,6 +179,27 @@ TEST_CASE("the velocity and the rate of a frame are fitted, and the record has t
   const Problem third =
       read_problem("nls", joined(schroedinger, {"scheme.frame.velocity=0.25", "scheme.frame.phase.charge=fit"}));
   CHECK(third.scheme.frame->velocity->front() == 0.25);
+  // A complex unknown of [field] is the name of the symmetry of its phase.
+  const auto of_field = [](const std::string& name) {
+    std::string text = R"toml(
+[field]
+equation = "i*psi_t + psi_xx + 2*abs2(psi)*psi = 0"
+psi = ["p", "q"]
+[grid]
+x = { from = -20, to = 20, cells = 101 }
+[initial]
+p = "sech(x)*cos(x/2)"
+q = "sech(x)*sin(x/2)"
+[scheme]
+step = 0.05
+until = 1
+frame = { velocity = 1, phase = { NAME = "fit" } }
+)toml";
+    text.replace(text.find("NAME"), 4, name);
+    return parse_problem(text, "field.toml");
+  };
+  CHECK(*of_field("psi").scheme.frame->rate == *of_field("charge").scheme.frame->rate);
+  CHECK_THROWS_WITH(of_field("psi3"), Contains("did you mean") || Contains("those are"));
   // Two solitons of speeds 1.44 and 3.24: between them, nearer to the taller one.
   const Problem two = problem_of(two_solitons, {"scheme.frame.velocity=fit"});
   CHECK(two.scheme.frame->velocity->front() == Approx(3.03).margin(0.05));
