@@ -125,3 +125,29 @@ TEST_CASE("a stated action with momenta of its own begins with a step of the box
     CHECK(check(file).status == ExitStatus::done);
   }
 }
+
+TEST_CASE("a stated action of a driven lattice approximates it, and one with another drive does not", "[run][custom]") {
+  const Folder folder;
+  const auto warnings = [&](const std::string& drive) {
+    const std::string text = R"toml(
+[field]
+fields = ["u"]
+L = "u_t^2/2 - u_x^2/2 - (1 - cos(u))*(1 + 0.1*sin(t))"
+[grid]
+x = { from = -20, to = 20, cells = 101 }
+[initial]
+u = 0
+u_t = "2*sech(x)"
+[scheme]
+lagrangian = "custom"
+levels = "fixed"
+L = "((u_10 - u_00)/h)^2/2 - ((u_01 - u_00)/dx)^2/2 - (1 - cos(u_00))*(1 + DRIVE*sin(t))"
+step = 0.05
+until = 0.2
+)toml";
+    const Problem problem = parse_problem(replaced(text, "DRIVE", drive), "driven.toml");
+    return to_json(run(problem, {.output = folder / "driven.h5", .overwrite = true}));
+  };
+  CHECK(warnings("0.1").find("does not approximate") == std::string::npos);
+  CHECK_THAT(warnings("0.2"), Contains("does not approximate the equation: the variation by u"));
+}
