@@ -18,6 +18,9 @@ namespace {
 
 using namespace tuning::boundary_value;
 
+/// Of the duration of the guess: a search that fails below it is reported as one that ended in no orbit.
+constexpr double collapse = 0.1;
+
 using Eigen::Index;
 using Eigen::VectorXd;
 
@@ -268,6 +271,10 @@ BoundaryValueSolution solve_boundary_value(const Hamiltonian& hamiltonian, EndCo
     describe_solution(*segments, solution);
     const solve::NewtonSearch end{solution.status, solution.residual, solution.worst};
     solution.message = fmt::format("{}: {}", where, end.message(solution.history.size()));
+    if (const double shrunk = solution.orbit.duration() / guess.duration(); shrunk < collapse) {
+      solution.message += fmt::format(
+          "; the orbit shrank to {:.2g} of the time of the guess: there may be none that meets all conditions", shrunk);
+    }
     return solution;
   };
   if (!search(StationaryAction::Levels::prescribed, 0)) {

@@ -12,6 +12,9 @@ namespace rubato {
 
 namespace {
 
+/// Of the duration of the guess: shorter orbits are no solutions, for what an energy leaves falls with the duration.
+constexpr double least_duration = 1e-3;
+
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -134,7 +137,8 @@ struct StationaryAction::Rows {
   }
 };
 
-/// Evaluates all segments. False where one is not defined: failed_.
+/// Evaluates all segments. False where one is not defined: failed_; or where the orbit is far shorter than the guess:
+/// at no duration every place is an orbit of every energy.
 bool StationaryAction::linearise(const NodesOfOrbit& orbit, Status& status) {
   linearised_.resize(orbit.segments());
   for (std::size_t k = 0; k < orbit.segments(); ++k) {
@@ -146,6 +150,11 @@ bool StationaryAction::linearise(const NodesOfOrbit& orbit, Status& status) {
       failed_ = k;
       return false;
     }
+  }
+  if (!(orbit.duration() / duration_scale_ > least_duration)) {
+    status = Status::singular;
+    failed_ = 0;
+    return false;
   }
   return true;
 }

@@ -70,7 +70,7 @@ public:
 
   /// What u leaves of the equations, and of further linear ones; the matrix of derivatives if `jacobian` is not null.
   /// \return Status::undefined outside the domain of H, or that of a step's own equations, and singular where a level
-  /// comes before the one that it follows; failed_segment() then
+  /// comes before the one that it follows, or the orbit has next to no duration; failed_segment() then
   Status evaluate(const Eigen::VectorXd& u, Eigen::VectorXd& residual, Eigen::SparseMatrix<double>* jacobian,
                   std::span<const LinearCondition> further = {});
   [[nodiscard]] std::size_t failed_segment() const { return failed_; }

@@ -69,6 +69,28 @@ NodesOfOrbit unfolded(const NodesOfOrbit& half, const std::vector<std::size_t>& 
   return whole;
 }
 
+/// True if the guess moves and the orbit rests: the range of every coordinate and momentum is next to nothing beside
+/// that of the guess.
+bool came_to_rest(const NodesOfOrbit& orbit, const NodesOfOrbit& guess) {
+  constexpr double at_rest = 1e-6;
+  const auto range = [](const NodesOfOrbit& of, std::size_t i) {
+    double least = of.node(0)[i], most = least;
+    for (std::size_t k = 1; k <= of.segments(); ++k) {
+      least = std::min(least, of.node(k)[i]);
+      most = std::max(most, of.node(k)[i]);
+    }
+    return most - least;
+  };
+  bool moved = false;
+  for (std::size_t i = 0; i < orbit.dimension; ++i) {
+    moved = moved || range(guess, i) > 0.0;
+    if (range(orbit, i) > at_rest * range(guess, i)) {
+      return false;
+    }
+  }
+  return moved;
+}
+
 record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, const SolutionRows& rows) {
   const HamiltonianProblem& system = *problem.hamiltonian();
   record::Layout layout{.title = problem.title,
@@ -275,6 +297,11 @@ private:
     }
     outcome_.solution = solve_boundary_value(hamiltonian_, ends_, guess, settings_);
     outcome_.message = outcome_.solution.found() ? "" : fmt::format("{}; {}", outcome_.solution.message, guess_remedy);
+    if (outcome_.solution.found() && came_to_rest(outcome_.solution.orbit, guess)) {
+      outcome_.warnings.emplace_back(
+          "the solution is an equilibrium, where nothing moves: the guess led there. Begin with a larger motion, or "
+          "take a longer period or another energy");
+    }
     return outcome_.solution.found();
   }
 

@@ -171,6 +171,30 @@ TEST_CASE("solve: what fails says where, and writes nothing") {
       Catch::Contains("there is no [solve]"));
 }
 
+TEST_CASE("solve: an orbit of no duration is no solution, and one that rests is reported as an equilibrium") {
+  const Folder folder;
+  const auto closed = [&](std::vector<std::string> settings) {
+    settings.insert(settings.end(), {"solve.ends=periodic", "scheme.levels=fixed", "scheme.until=6.5", "initial.q=0",
+                                     "initial.p=1", "scheme.step=0.1"});
+    return solve_problem(problem_with(settings), {.output = folder / "closed.h5", .overwrite = true});
+  };
+  // A pendulum of energy above 1 turns over, and no orbit of it closes. Residuals of an energy fall with the duration.
+  for (const char* energy : {"solve.energy=50", "solve.energy=-2"}) {
+    const SolveOutcome none = closed({energy});
+    CHECK(none.status == ExitStatus::failed);
+    CHECK_THAT(none.message, Catch::Contains("shrank"));
+  }
+  const SolveOutcome some = closed({"solve.energy=-0.5"});  // twin
+  REQUIRE(some.status == ExitStatus::done);
+  CHECK(some.solution.mean_energy == Approx(-0.5).epsilon(1e-12));
+  CHECK(some.warnings.empty());
+  // No oscillation has a period below 2 pi.
+  const SolveOutcome rest = closed({"solve.period=3", "-solve.energy"});
+  REQUIRE(rest.status == ExitStatus::done);
+  CHECK_THAT(to_json(rest), Catch::Contains("equilibrium"));
+  CHECK(closed({"solve.period=8", "-solve.energy"}).warnings.empty());  // twin
+}
+
 TEST_CASE("solve: wrong entries are refused with their place and a remedy") {
   CHECK_THAT(error_of({"solve.ends={ q_0 = 1, q_2 = 0 }"}), Catch::Contains("did you mean q_0?"));
   CHECK_THAT(error_of({"solve.ends={ q_0 = 1 }"}), Catch::Contains("2 are needed"));
