@@ -49,6 +49,13 @@ public:
       throw std::invalid_argument(
           "the discrete Lagrangian or one of its derivatives is not finite at the starting pair");
     }
+    mixed_ = hessian_.block(first_value(0), first_value(1), size_, size_);
+    if (factors_.factor(mixed_.data()) != Status::success) {
+      throw std::invalid_argument(
+          "the discrete Lagrangian is degenerate: its mixed derivatives by the values of both levels form a singular "
+          "matrix at the starting pair, so that two levels do not determine the next one; name every coordinate and "
+          "momentum at both levels, such as (p_0 + p_1)/2");
+    }
     autonomous_ = is_autonomous(*action_, corners_);
     if (autonomous_) {
       place(trial_h_);

@@ -140,3 +140,13 @@ TEST_CASE("a custom discrete Lagrangian with an unknown name says which") {
   CHECK_THROWS_AS(make_action(system.hamiltonian, Custom{"p_0*(q_1"}), std::exception);
   CHECK_NOTHROW(make_action(system.hamiltonian, Custom{"p_0*q_1"}));
 }
+
+TEST_CASE("a discrete Lagrangian whose two levels do not determine the next one is refused as degenerate") {
+  const Hamiltonian oscillator({"q"}, {"p"}, "(p^2 + q^2)/2");
+  const auto with = [&](const std::string& L) {
+    return integrate(oscillator, {.q = {1.0}, .p = {0.0}}, {.lagrangian = Custom{.L = L}, .step = 0.1, .until = 1.0});
+  };
+  // No equation has p_1: p_0 is that of the step before.
+  CHECK_THROWS_WITH(with("p_0*(q_1 - q_0)/(t_1 - t_0) - (p_0^2 + q_1^2)/2"), Catch::Contains("is degenerate"));
+  CHECK(with("(p_0 + p_1)/2*(q_1 - q_0)/(t_1 - t_0) - ((p_0 + p_1)^2 + (q_0 + q_1)^2)/8").status == Status::success);
+}
