@@ -409,7 +409,8 @@ std::vector<KeyEntry> make_keys() {
        "Of Newton's method, each time that it is begun."},
 
       {"ensemble", "members", "list of tables", none,
-       "One table for each member: [{ initial.p = 1 }, { initial.p = 1.5, parameters.k = 2 }]."},
+       "One table for each member, of the same entries: [{ initial.p = 1, parameters.k = 1 }, { initial.p = 1.5, "
+       "parameters.k = 2 }]."},
       {"ensemble", "grid", "table", none,
        "All combinations: { initial.p = \"0:2:21\", parameters.k = [1, 2] }, from:to:count or a list for each entry; "
        "the last one changes first."},

@@ -166,3 +166,16 @@ TEST_CASE("help on what there is none for names the nearest") {
     }
   }
 }
+
+TEST_CASE("what the help of an entry shows as an example of members is an ensemble") {
+  const auto keys = problem_keys();
+  const auto members =
+      std::ranges::find_if(keys, [](const KeyEntry& key) { return key.table == "ensemble" && key.name == "members"; });
+  REQUIRE(members != keys.end());
+  const std::string& meaning = members->meaning;
+  const std::string example = meaning.substr(meaning.find('['), meaning.find(']') + 1 - meaning.find('['));
+  CHECK(refusal(pendulum, {"ensemble.members=" + example}).empty());
+  // The twin: a member that leaves an entry of the others out.
+  CHECK_THAT(refusal(pendulum, {"ensemble.members=[{ initial.p = 1 }, { initial.p = 1.5, parameters.k = 2 }]"}),
+             Contains("every member gives the same entries"));
+}
