@@ -124,3 +124,32 @@ TEST_CASE("step potentials that cannot be are refused with the place") {
   CHECK(refusal({"scheme.largest_step=2", "scheme.until=2"}).empty());
   CHECK(refusal({"scheme.step_potential.kappa=2", "scheme.step_potential.p=4", "scheme.until=2"}).empty());
 }
+
+TEST_CASE("steps that are off the law by rounding errors alone are counted, and no warning") {
+  const Folder folder;
+  // A plane wave: nothing of it changes but its phase, and which h keeps the energy rounding decides.
+  const Problem wave = parse_problem(R"toml(
+[field]
+equation = "i*psi_t + psi_xx + 2*abs2(psi)*psi = 0"
+psi = ["p", "q"]
+[grid]
+x = { from = -20, to = 20, cells = 101, phase = { psi = "pi/3" } }
+[initial]
+p = "cos(pi/3*x/40)"
+q = "sin(pi/3*x/40)"
+[scheme]
+step = 0.05
+until = 0.5
+)toml",
+                                     "wave.toml");
+  const Outcome calm = run(wave, {.output = folder / "wave.h5"});
+  REQUIRE(calm.status == ExitStatus::done);
+  CHECK(calm.warnings.empty());
+  // The twin: a potential that is too weak.
+  const Outcome weak =
+      run_problem("pendulum", folder / "weak.h5",
+                  {"scheme.lagrangian=gauss", "scheme.stages=3", "initial.p=2.0237511123762504", "scheme.step=-0.6",
+                   "scheme.until=-60", "scheme.step_potential.kappa=3.31", "scheme.step_potential.p=7"});
+  REQUIRE(weak.statistics.off_law_steps > 0);
+  CHECK_THAT(to_json(weak), Contains("had no solution in spite of the step potential"));
+}
