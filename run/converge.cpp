@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -119,6 +120,11 @@ public:
     if (step_halvings == 0 && grid_halvings == 0) {
       outcome.steps = run.statistics.steps;
     }
+    if (step_halvings == 0 && grid_halvings == 0) {
+      for (const auto& error : run.statistics.errors) {
+        exact_.emplace_back(error.name, error.value.largest());
+      }
+    }
     outcome.findings.add(0, which, run.warnings, run.judgement, run.complete);
     if (!run.complete) {
       outcome.status = run.status;
@@ -161,6 +167,12 @@ public:
     return state;
   }
 
+  /// The largest difference of the run as it stands from [exact].
+  [[nodiscard]] std::optional<double> exact(const std::string& name) const {
+    const auto found = std::ranges::find(exact_, name, &std::pair<std::string, double>::first);
+    return found == exact_.end() || !std::isfinite(found->second) ? std::nullopt : std::optional(found->second);
+  }
+
 private:
   /// What a look-ahead of each run would choose differs from run to run. f' of h·ratio is ratio^s f'(h), as errors are,
   /// so that with the step the same levels are refined.
@@ -185,6 +197,7 @@ private:
   std::size_t states_ = 0, coordinates_ = 0;
   std::optional<grids::Grid> grid_;
   std::optional<ChosenPotential> potential_;
+  std::vector<std::pair<std::string, double>> exact_;
 };
 
 double size_of(const std::vector<double>& values) {
@@ -245,6 +258,14 @@ double Refinement::error() const {
   return p ? coarse * power / (power - 1.0) : std::max(coarse, fine);
 }
 
+bool Convergence::explains_exact() const {
+  // Estimates by Richardson are off by a part of themselves. Solutions on a line differ from those of a period by what
+  // their tails leave at its ends.
+  constexpr double most = 3.0, least = 1e-5;
+  const double explained = step.error() + (grid ? grid->error() : 0.0);
+  return !exact || std::isnan(explained) || *exact <= most * explained + least * size;
+}
+
 void require_refinable(const Problem& problem, const RunOptions& options, std::string_view command) {
   if (problem.ensemble) {
     throw ProblemError(problem.ensemble->location,
@@ -300,6 +321,17 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
     if (!grids.empty()) {
       quantity.grid = compare(grids[0][i], grids[1][i], grids[2][i], quantity.size);
     }
+    // Without runs on finer grids what the grid leaves is not known.
+    quantity.exact =
+        grids.empty() && problem.multisymplectic() != nullptr ? std::nullopt : comparison.exact(quantity.name);
+    if (!quantity.explains_exact()) {
+      outcome.findings.add_warning(
+          "the whole of the step",
+          fmt::format("[exact] does not solve the problem: {} differs from it by {:.2g}, and errors of {} are {:.2g}; "
+                      "correct the formula of [exact]",
+                      quantity.name, *quantity.exact, quantity.grid ? "step and grid" : "the step",
+                      quantity.step.error() + (quantity.grid ? quantity.grid->error() : 0.0)));
+    }
     if (tolerance && quantity.step.coarse > 0.0) {
       const auto order = quantity.step.order();
       factor =
@@ -332,6 +364,9 @@ std::string to_json(const ConvergenceOutcome& outcome) {
       one.object("grid", json(*quantity.grid));
       one.text("dominant", quantity.grid->error() > quantity.step.error() ? "grid" : "step");
     }
+    if (quantity.exact) {
+      one.number("exact", *quantity.exact);
+    }
     quantities.object(quantity.name, one);
   }
   object.object("quantities", quantities);
@@ -356,6 +391,9 @@ std::string to_table(const ConvergenceOutcome& outcome) {
     table += fmt::format("  {:<16} of {:<10.4g} step: {:<26}", quantity.name, quantity.size, text(quantity.step));
     if (quantity.grid) {
       table += fmt::format(" grid: {:<26}", text(*quantity.grid));
+    }
+    if (quantity.exact) {
+      table += fmt::format(" from [exact]: {:.2g}", *quantity.exact);
     }
     table.erase(table.find_last_not_of(' ') + 1);
     table += "\n";

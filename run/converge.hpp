@@ -27,6 +27,10 @@ struct Convergence {
   double scale = 0.0;  ///< the largest size among its kind: coordinates, momenta or fields; of a quantity its own
   Refinement step;
   std::optional<Refinement> grid;  ///< of a lattice
+  std::optional<double> exact;     ///< largest difference of the run as it stands from [exact], at its last level
+  /// False where errors of step and grid are a small part of the difference from [exact]: then [exact] does not solve
+  /// the problem.
+  [[nodiscard]] bool explains_exact() const;
 };
 
 struct ConvergenceOutcome {

@@ -73,13 +73,8 @@ void MemberVerdicts::add(std::size_t number, const std::string& label, const std
     if (std::ranges::find(seen, kind) != seen.end()) {
       continue;
     }
-    seen.push_back(kind);
-    const auto found = std::ranges::find(warnings_, kind, &Warning::kind);
-    if (found == warnings_.end()) {
-      warnings_.push_back({.kind = std::move(kind), .members = 1, .first = which, .sentence = sentence});
-    } else {
-      ++found->members;
-    }
+    seen.push_back(std::move(kind));
+    add_warning(which, sentence);
   }
   for (const figures::Reason& reason : judgement.reasons) {
     const auto found =
@@ -95,6 +90,16 @@ void MemberVerdicts::add(std::size_t number, const std::string& label, const std
     }
   }
   add_verdict(judgement.verdict, ended);
+}
+
+void MemberVerdicts::add_warning(const std::string& which, const std::string& sentence) {
+  std::string kind = without_numbers(sentence);
+  const auto found = std::ranges::find(warnings_, kind, &Warning::kind);
+  if (found == warnings_.end()) {
+    warnings_.push_back({.kind = std::move(kind), .members = 1, .first = which, .sentence = sentence});
+  } else {
+    ++found->members;
+  }
 }
 
 void MemberVerdicts::add_verdict(Verdict verdict, bool ended) {

@@ -19,6 +19,8 @@ public:
   /// whether it reached its end: only then its verdict counts
   void add(std::size_t number, const std::string& label, const std::vector<std::string>& warnings,
            const figures::Judgement& judgement, bool ended);
+  /// A warning of a run that was added before.
+  void add_warning(const std::string& which, const std::string& sentence);
   /// A run whose warnings and reasons restore() has brought already.
   void add_verdict(figures::Verdict verdict, bool ended);
 

@@ -182,3 +182,23 @@ nowhere = "log(q - 100)"
   const auto twice = std::ranges::find(reported.quantities, "twice", &Convergence::name);
   CHECK(twice->grid->error() == Approx(2.0 * u->grid->error()).epsilon(1e-9));
 }
+
+TEST_CASE("an exact solution that differs by more than the errors of step and grid is reported") {
+  const auto of = [](const std::string& factor) {
+    return converge(
+        parse_problem(breather, "t.toml",
+                      std::vector<std::string>{"exact.u=4*atan(" + factor + "*gamma/omega*sin(omega*t)*sech(gamma*x))",
+                                               "scheme.until=2", "grid.x.cells=101", "-symmetries"}),
+        std::nullopt);
+  };
+  const ConvergenceOutcome right = of("1"), wrong = of("1.1");
+  for (const ConvergenceOutcome* outcome : {&right, &wrong}) {
+    REQUIRE(outcome->status == ExitStatus::done);
+    CHECK(outcome->quantities[0].exact);
+    CHECK_THAT(to_table(*outcome), Contains("from [exact]"));
+  }
+  CHECK(right.quantities[0].explains_exact());
+  CHECK(to_json(right).find("does not solve") == std::string::npos);
+  CHECK_FALSE(wrong.quantities[0].explains_exact());
+  CHECK_THAT(to_json(wrong), Contains("[exact] does not solve the problem: u differs from it by"));
+}
