@@ -1,8 +1,10 @@
 #include <rubato/problem/initial_table.hpp>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -61,7 +63,7 @@ public:
     }
     in_.open(file_);
     if (!in_) {
-      throw ProblemError(location_, fmt::format("from: {} cannot be read", file_));
+      throw ProblemError(location_, fmt::format("from: {} cannot be read: {}", file_, std::strerror(errno)));
     }
   }
 
