@@ -74,6 +74,10 @@ def build(system, initial, t_span, *, step, scheme=None, stages=None, levels=Non
     is_lattice = isinstance(system, Lattice)
     if is_lattice and t_span is None:
         initial, t_span = None, initial
+    known = _options()
+    for key in options or {}:
+        if key not in known:
+            raise _toml.unknown_keyword(function, key, [*known, *_own_keywords])
     if t_span is None:
         raise TypeError(f"{function} takes t_span = (start, end)")
     if step is None:
@@ -89,10 +93,7 @@ def build(system, initial, t_span, *, step, scheme=None, stages=None, levels=Non
     tables["initial"] = _started(tables["initial"] if is_lattice else _initial_table(names, initial), start)
     tables["scheme"] = _scheme_table(system, scheme, stages, levels, step, end)
     tables["output"] = _output_table(every, t_eval)
-    known = _options()
     for key, value in (options or {}).items():
-        if key not in known:
-            raise _toml.unknown_keyword(function, key, [*known, *_own_keywords])
         tables[known[key]][key] = value
     if quantities:
         tables["output.quantities"] = {

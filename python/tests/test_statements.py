@@ -145,7 +145,8 @@ class Tracing(unittest.TestCase):
         for word, call in (("terminal", lambda: rb.Event("q", termnal=True)), ("replay", lambda: rb.check("a.h5", repaly=True)),
                            ("until", lambda: rb.resume("a.h5", untill=2)), ("crossing", lambda: rb.Event(crosing="q")),
                            ("initial", lambda: rb.Lattice(wave, {"x": (0, 1, 9)}, intial={"u": 0})),
-                           ("axes", lambda: rb.run("pendulum", until=1).plot(axs=None))):
+                           ("axes", lambda: rb.run("pendulum", until=1).plot(axs=None)),
+                           ("step", lambda: rb.integrate(rb.Hamiltonian("q", "p", "p^2/2"), [0, 1], (0, 1), stp=0.1))):
             with self.assertRaisesRegex(TypeError, f"did you mean {word}"):
                 call()
         r = rb.integrate(rb.Hamiltonian("q", "p", "p^2/2 + q^2"), [0, 1], (0, 1), step=0.1)
