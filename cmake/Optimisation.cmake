@@ -23,7 +23,7 @@ set(rubato_sources_once
   variation/action_quadrature.cpp variation/composition.cpp variation/first_step.cpp
   variation/formula_action.cpp variation/lattice_action.cpp variation/run_span.cpp
   variation/total_variation.cpp
-  ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp ode/legendre.cpp
+  ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp
   ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/splitting_formula.cpp ode/tangent.cpp ode/taylor_code.cpp
   pde/field_structure.cpp pde/first_step.cpp pde/initial_agreement.cpp pde/initial_level.cpp pde/initial_sawtooths.cpp
   pde/kernel_conditions.cpp pde/lattice.cpp pde/lattice_actions.cpp pde/lattice_between.cpp pde/lattice_method.cpp
@@ -34,7 +34,7 @@ set(rubato_sources_steps
   figures/statistics.cpp
   record/writer.cpp
   run/observed_run.cpp run/ensemble_lanes.cpp run/ensemble_member.cpp run/events.cpp run/lattice_events.cpp run/lattice_residuals.cpp run/lattice_simulation.cpp
-  run/law.cpp run/memory_record.cpp run/orbit_events.cpp run/orbit_simulation.cpp run/recorder.cpp run/run.cpp)
+  run/law.cpp run/level_rows.cpp run/memory_record.cpp run/orbit_events.cpp run/orbit_simulation.cpp run/recorder.cpp run/run.cpp)
 # rubato_kind_of(<source> <default> <variable>)
 function(rubato_kind_of source default result)
   foreach(kind IN ITEMS loops once steps)
