@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <set>
 #include <stdexcept>
 
@@ -90,12 +91,14 @@ Constraints::Constraints(std::shared_ptr<formula::Graph> graph, std::span<const 
 
 ConstraintEvaluator::ConstraintEvaluator(const Constraints& constraints)
     : constraints_(constraints), evaluator_(constraints.code()) {
-  const auto count = static_cast<Index>(constraints.count());
-  for (VectorXd* vector : {&g_, &bounds_, &sums_}) {
-    vector->setZero(count);
-  }
+  g_.setZero(static_cast<Index>(constraints.count()));
   entries_.setZero(static_cast<Index>(constraints.places().size()));
-  G_.setZero(count, static_cast<Index>(constraints.code().input_count()));
+  G_.setZero(g_.size(), static_cast<Index>(constraints.code().input_count()));
+  ends_.assign(constraints.count(), 0);
+  for (const Constraints::Place& place : constraints.places()) {
+    ++ends_[place.row];
+  }
+  std::partial_sum(ends_.begin(), ends_.end(), ends_.begin());
 }
 
 void ConstraintEvaluator::evaluate(const double* q) {
@@ -116,36 +119,37 @@ void ConstraintEvaluator::kick(const VectorXd& entries, const VectorXd& mu, doub
 }
 
 void ConstraintEvaluator::rates(const double* v, VectorXd& rates) const {
-  rates.setZero();
-  const double* entry = entries_.data();
-  for (const auto [row, column] : constraints_.places()) {
-    rates[static_cast<Index>(row)] += *entry++ * v[column];
+  const Constraints::Place* const places = constraints_.places().data();
+  std::size_t k = 0;
+  for (std::size_t row = 0; row < ends_.size(); ++row) {
+    double sum = 0.0;
+    for (; k < ends_[row]; ++k) {
+      sum += entries_[static_cast<Index>(k)] * v[places[k].column];
+    }
+    rates[static_cast<Index>(row)] = sum;
   }
 }
 
 ConstraintEvaluator::Left ConstraintEvaluator::left_of(const VectorXd& values, const double* factors) const {
   constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-  bounds_.setZero();
-  const double* entry = entries_.data();
-  for (const auto [row, column] : constraints_.places()) {
-    bounds_[static_cast<Index>(row)] += std::abs(*entry++ * factors[column]);
-  }
+  const Constraints::Place* const places = constraints_.places().data();
   Left left;
-  for (Index i = 0; i < values.size(); ++i) {
-    if (values[i] != 0.0) {
-      left.in_roundings = larger(left.in_roundings, std::abs(values[i]) / (unit * bounds_[i]));
+  double largest = 0.0;
+  std::size_t k = 0;
+  for (std::size_t row = 0; row < ends_.size(); ++row) {
+    double bound = 0.0, sum = 0.0;
+    for (; k < ends_[row]; ++k) {
+      const double size = std::abs(entries_[static_cast<Index>(k)]), factor = std::abs(factors[places[k].column]);
+      bound += size * factor;
+      sum += size;
+      largest = std::max(largest, factor);
+    }
+    if (const double value = std::abs(values[static_cast<Index>(row)]); value != 0.0) {
+      left.in_roundings = larger(left.in_roundings, value / (unit * bound));
+      left.relative = larger(left.relative, value / sum);
     }
   }
-  if (left.in_roundings <= roundings_of_step) {  // nobody asks for more
-    return left;
-  }
-  sums_ = G_.cwiseAbs().rowwise().sum();
-  const double largest = Eigen::Map<const VectorXd>(factors, G_.cols()).lpNorm<Eigen::Infinity>();
-  for (Index i = 0; i < values.size(); ++i) {
-    if (values[i] != 0.0) {
-      left.relative = larger(left.relative, std::abs(values[i]) / (sums_[i] * largest));
-    }
-  }
+  left.relative = left.relative == 0.0 ? 0.0 : left.relative / largest;
   return left;
 }
 

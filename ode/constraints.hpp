@@ -40,7 +40,7 @@ public:
   struct Place {
     std::size_t row, column;
   };
-  /// Of q: g, and then the entries of G at places().
+  /// Of q: g, and then the entries of G at places(), row by row.
   [[nodiscard]] const formula::Bytecode& code() const { return stated_->code; }
   [[nodiscard]] const std::vector<Place>& places() const { return stated_->places; }
   /// Of q, then μ: the upper triangle of ∂²(μᵀg)/∂q∂q at second_places().
@@ -97,7 +97,7 @@ private:
   formula::ScalarEvaluator evaluator_;
   Eigen::VectorXd g_, entries_;
   Eigen::MatrixXd G_;
-  mutable Eigen::VectorXd bounds_, sums_;
+  std::vector<std::size_t> ends_;  ///< of each row, in places()
 };
 
 /// Requires initial data that satisfy g(q) = 0 to rounding, with independent gradients. \throws std::invalid_argument
