@@ -12,6 +12,9 @@ from ._systems import Hamiltonian
 #: An orbit whose node energy strays by less, relative to its energy, is good without a further look at it.
 _CLEARLY_GOOD = 1e-3
 
+#: What a Result has and an ensemble has not.
+_of_members = ("sol", "t_events", "y_events", "events", "laws", "reasons", "figures", "h", "H")
+
 
 class EnsembleResult:
     """Many orbits of one system.
@@ -27,6 +30,8 @@ class EnsembleResult:
         The last levels, whatever `y` and `t` are.
     steps, energy, energy_deviation, node_energy_deviation, status : array, shape (members,)
         `status` is 0 for a member that reached its end; `messages` has the reasons of the others.
+    success, message : bool, str
+        True if all members reached their end; how many did not, and why the first of them.
     verdicts, verdict, warnings : list of str, str, list of str
         The verdict of each member, the worst of those that reached their end, and all warnings, gathered.
 
@@ -74,6 +79,12 @@ class EnsembleResult:
     @property
     def success(self) -> bool:
         return not self.status.any()
+
+    @property
+    def message(self) -> str:
+        early = np.flatnonzero(self.status)
+        return "" if not len(early) else (f"{len(early)} of {len(self)} members ended early; the first: "
+                                          f"member {early[0]}: {self.messages[early[0]]}")
 
     @property
     def verdicts(self) -> list:
@@ -125,6 +136,8 @@ class EnsembleResult:
         names = self.__dict__.get("names", [])
         if name in names:
             return self[name]
+        if name in _of_members:
+            raise AttributeError(f"{name} belongs to each member: give t_eval, every or events, and take r[0].{name}")
         known = names + [word for word in [*dir(type(self)), *self.__dict__] if not word.startswith("_")]
         raise AttributeError(f"the ensemble has no {name!r}{_toml.suggestion(name, known)}")
 

@@ -169,6 +169,11 @@ class Memory(unittest.TestCase):
         self.assertEqual(list(many.status == 0), [True, True, False])
         self.assertFalse(many.success)
         self.assertTrue(many.messages[2])
+        self.assertEqual(many.message, "1 of 3 members ended early; the first: member 2: " + many.messages[2])
+        self.assertEqual(rb.integrate(quartic, states[:2], (0, 1), step=0.01).message, "")
+        with self.assertRaisesRegex(AttributeError, r"each member: give t_eval, every or events, and take r\[0\].laws"):
+            many.laws
+        self.assertTrue(len(many[0].t))
         self.assertTrue(np.isfinite(many.y[:2]).all())
         self.assertTrue(np.isnan(many.y[2, :, 2]).all())
         self.assertTrue(np.isfinite(many.y[2, :, 1]).all())
