@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -124,10 +125,8 @@ JsonObject off_law_json(const Statistics& statistics) {
   JsonObject object;
   object.count("steps", statistics.off_law_steps);
   const double deviation = statistics.off_law_deviation();
-  if (const auto relative = statistics.relative(deviation)) {
-    return object.number("max_deviation", *relative);
-  }
-  return object.number("max_absolute_deviation", deviation);
+  const auto relative = deviation == 0.0 ? std::optional(0.0) : statistics.relative(deviation);
+  return object.number(relative ? "max_deviation" : "max_absolute_deviation", relative.value_or(deviation));
 }
 
 std::string with_undefined(std::string text, const Spread& values, std::string_view what) {

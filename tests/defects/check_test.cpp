@@ -223,6 +223,18 @@ TEST_CASE("where every step is off the law no deviation of 0 is told", "[defects
   CHECK(found_wrong(check(file)).empty());
 }
 
+TEST_CASE("steps that all keep the law stray by 0 of it, of an energy of 0, too", "[defects]") {
+  const Folder folder;
+  const auto json = [&](const char* name, const std::vector<std::string>& settings) {
+    return to_json(run_file(name, folder / (std::string(name) + ".h5"), settings));
+  };
+  CHECK_THAT(json("pendulum", {"initial.p=0", "hamiltonian.H=p^2/2 + 1 - cos(q)", "scheme.until=2"}),
+             Contains("\"off_law\": {\"steps\": 0, \"max_deviation\": 0}"));
+  // The twin: the orbit crosses places where no step keeps the energy.
+  CHECK_THAT(json("pendulum-rotation", {"scheme.until=20"}),
+             Contains("\"off_law\": {\"steps\": ") && !Contains("\"max_deviation\": 0}"));
+}
+
 TEST_CASE("energies that are 0 to rounding have no relative deviation", "[defects]") {
   const Folder folder;
   const Outcome ran =
