@@ -151,7 +151,8 @@ public:
         kept_(map_.room_for_momenta()),
         next_kept_(map_.room_for_momenta()),
         symmetric_order_(map_.rows().is_symmetric() ? 2 : 1),
-        last_h_(first_step) {
+        last_h_(first_step),
+        start_(stated.drives == nullptr ? 0.0 : stated.drives->start) {
     if (grid.has_ghosts()) {
       ghosts_.emplace(FieldMirrors(system, grid, Collocation::corners), grid);
     }
@@ -174,6 +175,9 @@ public:
   [[nodiscard]] Status advance(double h, double accuracy) override {
     ++iterations_;
     const bool starts = at_start_ && map_.needs_start();
+    if (map_.step().is_driven()) {
+      map_.step().drive(start_ + (steps_ + 1.0) * h);  // levels are fixed
+    }
     if (!tried_ && !map_.step().is_explicit()) {
       foresee(h);
     }
@@ -190,7 +194,8 @@ public:
     }
     tried_ = true;
     trial_h_ = h;
-    energy_ = map_.step().energy() + map_.energy_constant();
+    work_of_step_ = map_.step().work(h, level_, trial_);
+    energy_ = map_.step().energy() + map_.energy_constant() - (work_ + work_of_step_.before);
     return std::isfinite(energy_) ? Status::success : Status::undefined;
   }
 
@@ -211,7 +216,10 @@ public:
   [[nodiscard]] bool slope_to_leading_order() const override { return map_.step().finds_energy_of_levels(); }
   [[nodiscard]] bool has_node_law() const override { return false; }
   [[nodiscard]] int order() const override { return symmetric_order_; }
-  [[nodiscard]] NodeEnergy node() override { return {energy_here(), std::numeric_limits<double>::quiet_NaN()}; }
+  [[nodiscard]] NodeEnergy node() override { return {energy_here() - work_, std::numeric_limits<double>::quiet_NaN()}; }
+  [[nodiscard]] std::optional<double> work() const override {
+    return map_.step().is_driven() ? std::optional(work_) : std::nullopt;
+  }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
   void accept() override {
@@ -227,6 +235,8 @@ public:
     }
     previous_is_current_ = std::exchange(level_is_current_, map_.rows().names_all());
     last_h_ = trial_h_;
+    work_ += work_of_step_.before + work_of_step_.after;
+    steps_ += 1.0;
     at_start_ = false;
     map_.step().move();
     start_level();
@@ -262,11 +272,14 @@ public:
     }
     save_slopes(state, level_.slopes, grid_);
     if (is_its_level()) {
-      state.write(std::array<double, room_after_level>{});
+      state.write(std::array<double, room_after_level>{work_, steps_});
       return;
     }
     state.write(last_h_);
     state.write(at_start_ ? 1.0 : 0.0);
+    if (map_.step().is_driven()) {
+      state.write(std::array{work_, steps_});
+    }
   }
   void restore(StateReader& state) override {
     grids::restore_whole(state, level_.fields);
@@ -278,11 +291,17 @@ public:
     restore_slopes(state, level_.slopes, grid_);
     previous_.slopes = level_.slopes;
     if (is_its_level()) {
-      std::array<double, room_after_level> unused{};
-      state.read(std::span<double>(unused));
+      std::array<double, room_after_level> room{};
+      state.read(std::span<double>(room));
+      work_ = room[0];
+      steps_ = room[1];
     } else {
       state.read(last_h_);
       at_start_ = state.read() != 0.0;
+      if (map_.step().is_driven()) {
+        work_ = state.read();
+        steps_ = state.read();
+      }
     }
     level_is_current_ = previous_is_current_ = true;
     map_.step().begin(level_);
@@ -338,6 +357,8 @@ private:
   FieldSet trial_, kept_, next_kept_;
   int symmetric_order_;
   double last_h_, trial_h_ = 0.0, energy_ = 0.0;
+  ActionStep::Work work_of_step_;
+  double start_, steps_ = 0.0, work_ = 0.0;  ///< of driven walls
   bool at_start_ = true, tried_ = false;
   int iterations_ = 0;
   std::optional<double> here_;
@@ -371,9 +392,11 @@ public:
       map_.step().imply(h, before, after.fields, kept_);
     }
     map_.step().measure(h, before, after, kept_, rows_);
-    StepLaw law{.energy = map_.step().energy() + map_.energy_constant(),
+    const ActionStep::Work work = map_.step().work(h, before, after.fields);
+    StepLaw law{.energy = map_.step().energy() + map_.energy_constant() - work.before,
                 .gamma = std::numeric_limits<double>::quiet_NaN(),
                 .residual = {},
+                .work = work.before + work.after,
                 .is_long = false};
     if (starts) {
       compare_start(before, after, h);

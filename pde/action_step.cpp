@@ -11,7 +11,6 @@
 #include <rubato/formula/sum.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
-#include <rubato/pde/mirror_signs.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/variation/weighted_terms.hpp>
 
@@ -55,6 +54,10 @@ ActionStep::ActionStep(const MultisymplecticSystem& system, const grids::Grid& g
       upper_(system.field_count(), grid.size()),
       row_values_(static_cast<int>(rows_.rows().size()), grid.size()),
       volume_(grid.cell_volume()) {
+  if (stated.drives != nullptr) {
+    driven_nodes_.emplace(stated.drives, system, grid);
+    driven_ = FieldSet(static_cast<int>(driven_nodes_->fields().size()), grid.size());
+  }
   find_held();
   find_stages();
   find_turns();
@@ -121,29 +124,6 @@ void ActionStep::write(LatticeLevel& level) {
   }
 }
 
-void ActionStep::find_held() {
-  const MultisymplecticSystem& system = rows_.system();
-  const grids::Grid& grid = rows_.grid();
-  is_loose_.resize(static_cast<std::size_t>(system.field_count()));
-  for (int a = 0; a < grid.dimensions(); ++a) {
-    const grids::Axis& axis = grid.axis(a);
-    if (axis.ghosts == 0) {
-      continue;
-    }
-    const MirrorSigns signs(system, a, axis.name);
-    for (int f = 0; f < system.field_count(); ++f) {
-      PlaceNumbers loose{a, std::vector<double>(axis.cells, 1.0)};
-      loose.values[axis.ghosts] = signs.at(f, axis.left) > 0 ? 1.0 : 0.0;
-      loose.values[axis.ghosts + axis.cell_count()] = signs.at(f, axis.right) > 0 ? 1.0 : 0.0;
-      if (signs.at(f, axis.left) < 0 || signs.at(f, axis.right) < 0) {
-        Expression& product = is_loose_[static_cast<std::size_t>(f)];
-        const Expression factor = rows_.variation().along_axis(loose);
-        product = product.valid() ? product * factor : factor;
-      }
-    }
-  }
-}
-
 /// Orders the rows: each gives one field that it is linear in, at its own node, from fields of the stages before.
 void ActionStep::find_stages() {
   const int d = rows_.system().field_count();
@@ -187,8 +167,7 @@ void ActionStep::find_stages() {
       const bool is_rate = slopes.terms().size() == 1 && slopes.terms().front().first == variation.rate();
       const Expression change =
           is_rate ? variation.step() / slopes.terms().front().second * of_row : of_row / slopes.sum();
-      const Expression loose = is_loose_[static_cast<std::size_t>(field)];
-      stage.values.push_back(base - (loose.valid() ? loose * change : change));
+      stage.values.push_back(where_loose(field, base - change));
       stage.fields.push_back(field);
       solved[static_cast<std::size_t>(field)] = used[i] = true;
       --left;
@@ -220,11 +199,8 @@ void ActionStep::find_turns() {
     Turn found{.fields = {}, .values = {}, .is_momenta = momenta, .value = {}, .tangent = {}};
     for (const ActionRows::Derived& one : rows_.derived()) {
       if (moves(one) == momenta && one.turn == turn) {
-        const Expression loose = is_loose_[static_cast<std::size_t>(one.field)];
-        const bool is_held = momenta && loose.valid();
         found.fields.push_back(one.field);
-        found.values.push_back(
-            is_held ? loose * one.value + (1.0 - loose) * rows_.variation().node(Level::before, one.field) : one.value);
+        found.values.push_back(momenta ? where_loose(one.field, one.value) : one.value);
       }
     }
     if (!found.fields.empty()) {
@@ -265,7 +241,7 @@ void ActionStep::prepare_pass() {
   NodeVariation& variation = rows_.variation();
   const grids::Grid& grid = rows_.grid();
   const int d = rows_.system().field_count();
-  const int others = rows_.kept() + 2 * d;
+  const int others = rows_.kept() + 2 * d + driven_.fields();
   const auto energy = variation.in_sum(variation.energy());
   const Expression of_level = energy_of_level();
   finds_energy_of_levels_ = of_level.valid();
@@ -343,7 +319,7 @@ void ActionStep::prepare_pass() {
 void ActionStep::read(NodeCode& code, double h, const LatticeLevel& before, const FieldSet& after,
                       const FieldSet& kept) const {
   rows_.read(code, before.fields, after, h, before.slopes,
-             {&kept, &lower_, &upper_, &levels_.lower(), &levels_.upper()});
+             {&kept, &lower_, &upper_, &driven_, &levels_.lower(), &levels_.upper()});
 }
 
 void ActionStep::begin(const LatticeLevel& level) {
@@ -351,6 +327,10 @@ void ActionStep::begin(const LatticeLevel& level) {
     prepare_pass();
   }
   const auto read_level = [&](NodeCode& code, const FieldSet& fields) { read(code, 1.0, level, fields, no_momenta_); };
+  for (int i = 0; i < driven_.fields(); ++i) {
+    std::ranges::copy(level.fields.field(driven_nodes_->fields()[static_cast<std::size_t>(i)]),
+                      driven_.field(i).begin());
+  }
   levels_.take(level.fields, level.fields, false, read_level);
   read(begin_.code(0), 1.0, level, level.fields, no_momenta_);
   begin_(0);

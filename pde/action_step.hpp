@@ -15,6 +15,7 @@
 #include <rubato/pde/action_newton.hpp>
 #include <rubato/pde/action_rows.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/wall_drives.hpp>
 #include <rubato/variation/level_values.hpp>
 #include <rubato/variation/node_pass.hpp>
 
@@ -66,6 +67,15 @@ public:
   void renew(const LatticeLevel& level, std::span<const std::pair<std::size_t, std::size_t>> ranges);
   /// The upper level is the lower one from now on.
   void move();
+
+  /// Lets walls give fields their values at a time, of the next level. Hypothesis: they do
+  void drive(double t);
+  [[nodiscard]] bool is_driven() const { return driven_nodes_.has_value(); }
+  /// What the walls that do so do in a step: before the middle of the step, and after it (theory, section 12).
+  struct Work {
+    double before = 0.0, after = 0.0;
+  };
+  [[nodiscard]] Work work(double h, const LatticeLevel& before, const grids::FieldSet& after);
 
   /// E_k = -∂𝕊/∂h of the last step.
   [[nodiscard]] double energy() const { return volume_ * (of_slab_ + below_.of_energy); }
@@ -124,7 +134,7 @@ private:
     std::optional<ActionNewton> newton;
   };
   struct Codes {
-    LateCode row, keep, imply, along_upper, along_lower, by_step, forms;
+    LateCode row, keep, imply, on_walls, along_upper, along_lower, by_step, forms;
   };
   /// Of a level, over ΔV: its part of E as a lower level, and 𝓔.
   struct OfLevel {
@@ -132,6 +142,9 @@ private:
   };
 
   void find_held();
+  /// The new value of a field, or of a wall that holds it.
+  [[nodiscard]] Expression where_loose(int field, Expression value);
+  [[nodiscard]] int place_of_driven(int field) const;
   void find_stages();
   void find_turns();
   void prepare_pass();
@@ -173,6 +186,8 @@ private:
   std::optional<Implicit> implicit_;
   /// For each field the product of numbers of places that is 0 on walls that hold it, else 1; invalid where none does.
   std::vector<Expression> is_loose_;
+  std::optional<DrivenNodes> driven_nodes_;
+  grids::FieldSet driven_;  ///< what walls hold the fields of driven_nodes_ at
   std::vector<Turn> turns_;
   std::vector<int> momenta_;  ///< fields
   Codes codes_;

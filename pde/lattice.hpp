@@ -40,8 +40,9 @@ struct LatticeOptions {
   std::shared_ptr<const CornerDensity> density = nullptr;  ///< custom: the density of its action
   std::shared_ptr<const SecondLevel> next = nullptr;       ///< custom: a second level, where it is given
   std::shared_ptr<const Sponge> sponge = nullptr;          ///< null without one
+  std::shared_ptr<const WallDrives> drives = nullptr;      ///< null where no wall drives a field
   [[nodiscard]] LatticeMethodChoice method() const {
-    return {lagrangian, stages, composition, space, space_stages, density, next};
+    return {lagrangian, stages, composition, space, space_stages, density, next, drives};
   }
 };
 
@@ -75,6 +76,8 @@ public:
 
   /// The energy that a sponge has taken so far; nothing without one.
   [[nodiscard]] std::optional<double> energy_lost() const;
+  /// The work that driven walls have done so far; nothing without any.
+  [[nodiscard]] std::optional<double> work() const { return scheme_->work(); }
 
   /// What the user should know about this problem although it can be run, with the remedy: sentences for people. Data
   /// that do not repeat with the period, waves that grow without bound (prepare_initial_level, find_short_wave_growth).

@@ -106,7 +106,7 @@ std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& ch
 
 std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice, const grids::Grid& grid) {
   auto method = make_lattice_method(choice);
-  return grid.has_walls() ? make_mirrored_method(std::move(method), choice.name) : std::move(method);
+  return grid.has_walls() ? make_mirrored_method(std::move(method), choice) : std::move(method);
 }
 
 LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,

@@ -14,6 +14,7 @@
 #include <rubato/pde/local_laws.hpp>
 #include <rubato/pde/step_equation.hpp>
 #include <rubato/pde/tangent.hpp>
+#include <rubato/pde/wall_drives.hpp>
 #include <rubato/variation/corner_density.hpp>
 #include <rubato/variation/lattice_action.hpp>
 
@@ -37,6 +38,7 @@ struct LatticeMethodChoice {
   int space_stages = 1;                                    ///< of Gauss collocation in space, where the method has them
   std::shared_ptr<const CornerDensity> density = nullptr;  ///< of custom
   std::shared_ptr<const SecondLevel> next = nullptr;       ///< of custom, where it is given
+  std::shared_ptr<const WallDrives> drives = nullptr;      ///< null where no wall drives a field
 };
 
 /// A discretisation of M z_t + Σ_a K_a z_{x_a} = ∇S(z), with all that the integrator, the check of records, the

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 
 #include <rubato/pde/initial_level.hpp>
@@ -40,6 +41,9 @@ public:
   /// The level before the one that accept() has moved to last, where the scheme keeps it; it stands until the next
   /// accept(). A scheme keeps it always or never.
   [[nodiscard]] virtual const LatticeLevel* previous() const { return nullptr; }
+  /// The work that driven walls have done so far; nothing where there is none. It is not in the energies that the
+  /// scheme reports.
+  [[nodiscard]] virtual std::optional<double> work() const { return std::nullopt; }
   /// The stages of the step accepted last, for laws that need them; null for schemes whose laws two levels give.
   [[nodiscard]] virtual std::shared_ptr<StageSource> stages() { return nullptr; }
   /// A bound of rounding takes as long as some steps.

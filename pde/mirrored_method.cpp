@@ -68,6 +68,7 @@ public:
     previous_is_current_ = false;
   }
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return scheme_->stages(); }
+  [[nodiscard]] std::optional<double> work() const override { return scheme_->work(); }
 
   [[nodiscard]] Status advance(double h, double accuracy) override { return scheme_->advance(h, accuracy); }
   [[nodiscard]] bool solves_fully() const override { return scheme_->solves_fully(); }
@@ -128,9 +129,11 @@ private:
 
 class MirroredEquation final : public StepEquation {
 public:
-  MirroredEquation(const Mirrors& mirrors, std::unique_ptr<StepEquation> equation, const LatticeLevel& first)
+  MirroredEquation(const Mirrors& mirrors, std::optional<DrivenNodes> driven, std::unique_ptr<StepEquation> equation,
+                   const LatticeLevel& first)
       : StepEquation(first.fields.fields(), mirrors.grid().size()),
         mirrors_(mirrors),
+        driven_(std::move(driven)),
         equation_(std::move(equation)),
         before_(mirrors.extended(first)),
         after_(before_) {}
@@ -156,9 +159,14 @@ private:
   StepLaw taken(StepLaw law, const LatticeLevel& before, const LatticeLevel& after, double h) {
     mirrors_.restrict(equation_->rows(), rows_);
     if (mirrors_.is_short()) {
-      // There nothing but that they stay is asked of what walls hold.
+      // There nothing but that they stay is asked of what walls hold, and nothing of what they give.
       for (const auto& [field, node] : mirrors_.held()) {
         rows_.field(field)[node] = (after.fields.field(field)[node] - before.fields.field(field)[node]) / h;
+      }
+      if (driven_) {
+        for (const DrivenNodes::Node& node : driven_->nodes()) {
+          rows_.field(node.u)[node.node] = rows_.field(node.row.v)[node.node] = 0.0;
+        }
       }
       law.residual = grids::magnitudes(rows().all());
     }
@@ -166,17 +174,20 @@ private:
   }
 
   Mirrors mirrors_;
+  std::optional<DrivenNodes> driven_;
   std::unique_ptr<StepEquation> equation_;
   LatticeLevel before_, after_;
 };
 
 /// Residuals are those on the ring at the nodes between the walls. Totals are integrals of the densities with spectral
 /// derivatives on the ring, on the short one with central differences: those of momentum towards a wall vanish on the
-/// whole of it.
+/// whole of it. Where walls give values no law holds, and residuals are 0.
 class MirroredLaws final : public LawEvaluator {
 public:
-  MirroredLaws(const Mirrors& mirrors, LawTables tables, std::unique_ptr<LawEvaluator> laws)
+  MirroredLaws(const Mirrors& mirrors, std::optional<DrivenNodes> driven, LawTables tables,
+               std::unique_ptr<LawEvaluator> laws)
       : mirrors_(mirrors),
+        driven_(std::move(driven)),
         tables_(std::move(tables)),
         laws_(std::move(laws)),
         coordinates_(tables_.system, mirrors.ring(), Within::node),
@@ -298,10 +309,16 @@ private:
 
   std::vector<Spread> taken(std::span<double* const> residuals) {
     mirrors_.restrict(of_laws_, between_);
+    for (int law = 0; driven_ && law < between_.fields(); ++law) {
+      for (const DrivenNodes::Node& node : driven_->nodes()) {
+        between_.field(law)[node.node] = 0.0;
+      }
+    }
     return write_residuals(between_, residuals);
   }
 
   Mirrors mirrors_;
+  std::optional<DrivenNodes> driven_;
   LawTables tables_;
   std::unique_ptr<LawEvaluator> laws_;
   std::optional<NodeDerivative> spectral_;  ///< on the ring of mirrors
@@ -316,8 +333,8 @@ private:
 
 class MirroredMethod final : public LatticeMethod {
 public:
-  MirroredMethod(std::unique_ptr<LatticeMethod> method, Collocation collocation)
-      : method_(std::move(method)), collocation_(collocation) {}
+  MirroredMethod(std::unique_ptr<LatticeMethod> method, Collocation collocation, const LatticeMethodChoice& choice)
+      : method_(std::move(method)), collocation_(collocation), name_(choice.name), drives_(choice.drives) {}
 
   [[nodiscard]] int order() const override { return method_->order(); }
   [[nodiscard]] std::string_view fixed_levels_only() const override { return method_->fixed_levels_only(); }
@@ -340,9 +357,15 @@ public:
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     const std::size_t ghosts = method_->wall_ghosts(system);
+    if (drives_ != nullptr && ghosts == 0) {
+      throw SchemeRefusal(
+          fmt::format("{} has no walls that drive fields: explicit schemes have; take lagrangian = "
+                      "\"leapfrog\", or walls that are \"fixed\" or \"free\"",
+                      name_));
+    }
     const Mirrors mirrors(system, grid, Collocation::nodes, ghosts);  // what is given is given at nodes
     InitialFields met = given;
-    std::vector<std::string> cautions = meet_walls(system, mirrors, met);
+    std::vector<std::string> cautions = meet_walls(system, mirrors, met, drives_);
     InitialFields on_ring(met.size());
     for (std::size_t f = 0; f < met.size(); ++f) {
       // On the short ring what is computed is wrong at the seam, and compared between the walls.
@@ -374,13 +397,15 @@ public:
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     const Mirrors mirrors = mirrors_of(tables.system, tables.grid);
     auto laws = method_->laws(LawTables(tables.system, mirrors.ring(), tables.symmetries));
-    return std::make_unique<MirroredLaws>(mirrors, std::move(tables), std::move(laws));
+    auto driven = driven_nodes(tables.system, tables.grid);
+    return std::make_unique<MirroredLaws>(mirrors, std::move(driven), std::move(tables), std::move(laws));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
     const Mirrors mirrors = mirrors_of(system, grid);
     return std::make_unique<MirroredEquation>(
-        mirrors, method_->equation(system, mirrors.ring(), mirrors.extended(first), first_step), first);
+        mirrors, driven_nodes(system, grid),
+        method_->equation(system, mirrors.ring(), mirrors.extended(first), first_step), first);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
     return nullptr;
@@ -391,22 +416,30 @@ private:
     return {system, grid, collocation_, method_->wall_ghosts(system)};
   }
 
+  [[nodiscard]] std::optional<DrivenNodes> driven_nodes(const MultisymplecticSystem& system,
+                                                        const grids::Grid& grid) const {
+    return drives_ == nullptr ? std::nullopt : std::optional<DrivenNodes>(std::in_place, drives_, system, grid);
+  }
+
   std::unique_ptr<LatticeMethod> method_;
   Collocation collocation_;
+  std::string name_;
+  std::shared_ptr<const WallDrives> drives_;
 };
 
 }  // namespace
 
-std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMethod> method, std::string_view name) {
+std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMethod> method,
+                                                    const LatticeMethodChoice& choice) {
   const std::optional<Collocation> collocation = method->in_mirror();
   if (!collocation) {
     throw SchemeRefusal(fmt::format(
         "{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog "
         "and actions that name no field without an equation of motion are. Take one of these, or leave left and right "
         "out",
-        name));
+        choice.name));
   }
-  return std::make_unique<MirroredMethod>(std::move(method), *collocation);
+  return std::make_unique<MirroredMethod>(std::move(method), *collocation, choice);
 }
 
 }  // namespace rubato

@@ -11,6 +11,6 @@ namespace rubato {
 /// level's cautions report data that do not meet the walls.
 /// \throws SchemeRefusal if the method is not the same in a mirror
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMethod> method,
-                                                                  std::string_view name);
+                                                                  const LatticeMethodChoice& choice);
 
 }  // namespace rubato

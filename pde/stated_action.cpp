@@ -33,12 +33,14 @@ bool StatedAction::names(int field) const {
   return std::ranges::find(action.values, field, &LatticeAction::Value::field) != action.values.end();
 }
 
-StatedAction state_action(const MultisymplecticSystem& system, CornerDensity density) {
+StatedAction state_action(const MultisymplecticSystem& system, CornerDensity density,
+                          std::shared_ptr<const WallDrives> drives) {
   const bool is_symmetric = is_symmetric_in_time(density);
   density.L = formula::separate_constant(density.L).rest;
   return {.action = corner_action(density, system.structure().at_midpoints(), system.structure().potential),
           .is_symmetric = is_symmetric,
-          .cell_equations = cell_equations(density)};
+          .cell_equations = cell_equations(density),
+          .drives = std::move(drives)};
 }
 
 }  // namespace rubato

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/wall_drives.hpp>
 #include <rubato/variation/corner_density.hpp>
 #include <rubato/variation/lattice_action.hpp>
 
@@ -14,12 +16,14 @@ struct StatedAction {
   bool is_symmetric = false;  ///< 𝕊 of a step is minus that of the step back
   /// Of the action's variables: see cell_equations() of corner_density.hpp; empty where there are none.
   std::vector<formula::Expression> cell_equations;
+  std::shared_ptr<const WallDrives> drives = nullptr;  ///< null where no wall drives a field
 
   /// True if the action reads the field.
   [[nodiscard]] bool names(int field) const;
 };
 
 /// That of a density, without the constant that it is a sum with: the energy's zero is that of S without its own.
-[[nodiscard]] StatedAction state_action(const MultisymplecticSystem& system, CornerDensity density);
+[[nodiscard]] StatedAction state_action(const MultisymplecticSystem& system, CornerDensity density,
+                                        std::shared_ptr<const WallDrives> drives = nullptr);
 
 }  // namespace rubato

@@ -12,9 +12,10 @@ namespace rubato {
 
 /// What one step of a lattice says by itself.
 struct StepLaw {
-  double energy = 0.0;   ///< E_k
+  double energy = 0.0;   ///< E_k, less what driven walls do in the step before its middle
   double gamma = 0.0;    ///< Γ in the middle of the step
   Spread residual;       ///< what the two levels leave of the scheme's equation, over all rows and nodes
+  double work = 0.0;     ///< that driven walls do in the step
   bool is_long = false;  ///< so long that it makes much more of the rounding of its equation than of its levels'
 };
 

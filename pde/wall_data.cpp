@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -64,10 +65,14 @@ double largest_of_values(const std::vector<double>& values) {
 
 class WallData {
 public:
-  WallData(const MultisymplecticSystem& system, const Mirrors& mirrors, InitialFields& given)
-      : system_(system), mirrors_(mirrors), grid_(mirrors.grid()), given_(given) {}
+  WallData(const MultisymplecticSystem& system, const Mirrors& mirrors, InitialFields& given,
+           std::shared_ptr<const WallDrives> drives)
+      : system_(system), mirrors_(mirrors), grid_(mirrors.grid()), given_(given), drives_(std::move(drives)) {}
 
   std::vector<std::string> meet() {
+    if (drives_ != nullptr) {
+      meet_drives();
+    }
     std::vector<std::vector<double>> held;
     for (const WallPlace& wall : walls_of(grid_)) {
       if (mirrors_.is_short()) {
@@ -89,10 +94,56 @@ private:
     return mirrors_.sign(wall.axis, static_cast<int>(field), wall.end(grid_));
   }
 
+  [[nodiscard]] bool is_driven(const WallPlace& wall, int field) const {
+    return drives_ != nullptr && std::ranges::any_of(drives_->walls, [&](const WallDrive& drive) {
+             const auto row = momentum_row(system_, drive.field);
+             return drive.axis == wall.axis && drive.is_right == wall.is_right && row && row->v == field;
+           });
+  }
+  void meet_drives() {
+    DrivenNodes driven(drives_, system_, grid_);
+    std::vector<double> largest, miss(given_.size(), 0.0);
+    for (const auto& values : given_) {
+      largest.push_back(values ? largest_of_values(*values) : 0.0);
+    }
+    for (const DrivenNodes::Node& node : driven.nodes()) {
+      const DrivenNodes::Values values = driven.at(node, drives_->start);
+      const auto meet = [&](int field, double value) {
+        const auto f = static_cast<std::size_t>(field);
+        if (given_[f]) {
+          double& here = (*given_[f])[node.node];
+          miss[f] = std::max(miss[f], std::abs(here - value));
+          largest[f] = std::max(largest[f], std::abs(value));
+          here = value;
+        }
+      };
+      meet(node.u, values.u);
+      meet(node.row.v, values.v);
+    }
+    for (std::size_t f = 0; f < miss.size(); ++f) {
+      const bool is_momentum = momentum_row(system_, static_cast<int>(f)) == std::nullopt;
+      if (!is_momentum && !(miss[f] <= not_met * largest[f])) {
+        throw InitialFieldError(static_cast<int>(f),
+                                fmt::format("{} differs by {:.6g} from what a wall of [grid] gives it at the start: "
+                                            "give initial data that meet the wall, or another formula there",
+                                            name(f), miss[f]));
+      }
+      if (miss[f] > met_to_rounding * largest[f]) {
+        cautions_.push_back(
+            fmt::format("{} misses by {:.2g} what a wall of [grid] gives it at the start, and is set to that there: "
+                        "what is left of the difference runs into the domain as short waves",
+                        name(f), miss[f]));
+      }
+    }
+  }
+
   /// Where a wall holds fields at whatever values they begin with: momenta, which say that these do not change.
   void hold_rates(const WallPlace& wall) {
     for (std::size_t f = 0; f < given_.size(); ++f) {
       const auto row = static_cast<int>(f);
+      if (is_driven(wall, row)) {
+        continue;
+      }
       bool acts_in_space = false;
       for (int a = 0; a < system_.directions(); ++a) {
         acts_in_space = acts_in_space || !system_.K(a).row(row).isZero(0.0);
@@ -228,13 +279,15 @@ private:
   const Mirrors& mirrors_;
   const grids::Grid& grid_;
   InitialFields& given_;
+  std::shared_ptr<const WallDrives> drives_;
   std::vector<std::string> cautions_;
 };
 
 }  // namespace
 
-std::vector<std::string> meet_walls(const MultisymplecticSystem& system, const Mirrors& mirrors, InitialFields& given) {
-  return WallData(system, mirrors, given).meet();
+std::vector<std::string> meet_walls(const MultisymplecticSystem& system, const Mirrors& mirrors, InitialFields& given,
+                                    std::shared_ptr<const WallDrives> drives) {
+  return WallData(system, mirrors, given, std::move(drives)).meet();
 }
 
 }  // namespace rubato

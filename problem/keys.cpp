@@ -238,10 +238,11 @@ std::vector<KeyEntry> make_keys() {
       {"grid.x", "sponge", "table", none, "See [grid.x.sponge]; sponge = { width = 10, strength = 2 }."},
       {"grid.x.sponge", "width", "number", required, "How far each layer reaches into the range: some wavelengths."},
       {"grid.x.sponge", "strength", "number", required, "The largest rate of the damping, at the end of the range."},
-      {"grid.x", "left", "\"fixed\" or \"free\"", "the period begins",
+      {"grid.x", "left", "\"fixed\", \"free\" or a table", "the period begins",
        "The wall at from. A fixed one holds fields at their initial values there; at a free one they vary, and their "
-       "slope is 0."},
-      {"grid.x", "right", "\"fixed\" or \"free\"", "the period ends", "The wall at to; with left only."},
+       "slope is 0. left = { u = \"sin(t)\" } gives a field its values, by a formula of t and the coordinates: "
+       "explicit schemes, fixed levels."},
+      {"grid.x", "right", "\"fixed\", \"free\" or a table", "the period ends", "The wall at to; with left only."},
 
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,

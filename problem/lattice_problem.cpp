@@ -418,6 +418,7 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
                          .start = pde.start};
   options.density = scheme.density;
   options.sponge = make_sponge(problem);
+  options.drives = make_wall_drives(problem);
   options.next = make_second_level(problem);
   set_run_options(scheme, options);
   for (const StatedSymmetry& symmetry : pde.symmetries) {
@@ -462,6 +463,7 @@ std::unique_ptr<LatticeMethod> make_method(const Problem& problem) {
 std::unique_ptr<LatticeMethod> make_bare_method(const Problem& problem) {
   LatticeMethodChoice choice = method_choice(problem.scheme);
   choice.next = make_second_level(problem);
+  choice.drives = make_wall_drives(problem);
   return make_lattice_method(choice, make_grid(problem));
 }
 

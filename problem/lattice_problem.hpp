@@ -40,6 +40,8 @@ namespace rubato {
 [[nodiscard]] LatticeIntegrator make_lattice(const Problem& problem);
 /// The scheme of the problem; make_bare_method() has no sponge.
 [[nodiscard]] LatticeMethodChoice method_choice(const Scheme& scheme);
+/// What walls give fields; null where no wall does.
+[[nodiscard]] std::shared_ptr<const WallDrives> make_wall_drives(const Problem& problem);
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_method(const Problem& problem);
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_bare_method(const Problem& problem);
 /// The level that a run of the problem starts from; of a thread that has a slab its part.

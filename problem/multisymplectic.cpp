@@ -377,8 +377,13 @@ private:
 };
 
 bool is_built_in_law(std::string_view name) {
-  static constexpr std::array<std::string_view, 6> laws = {
-      "energy", "momentum", "variational_energy", "variational_momentum", "multisymplectic", figures::energy_lost_name};
+  static constexpr std::array<std::string_view, 7> laws = {"energy",
+                                                           "momentum",
+                                                           "variational_energy",
+                                                           "variational_momentum",
+                                                           "multisymplectic",
+                                                           figures::energy_lost_name,
+                                                           figures::wall_work_name};
   return std::ranges::find(laws, name) != laws.end() || name.starts_with("momentum_") ||
          name.starts_with("variational_momentum_");  // in two and three dimensions
 }
@@ -486,6 +491,10 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
 
 bool MultisymplecticProblem::has_walls() const {
   return std::ranges::any_of(axes, &GridAxis::has_walls);
+}
+
+bool MultisymplecticProblem::has_drives() const {
+  return std::ranges::any_of(axes, [](const GridAxis& axis) { return !axis.drives.empty(); });
 }
 
 bool MultisymplecticProblem::has_jumps() const {

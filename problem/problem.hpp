@@ -148,6 +148,13 @@ struct StatedSponge {
   Location location = {};
 };
 
+/// A value that a wall gives a field: a formula of t and the coordinates.
+struct StatedDrive {
+  bool is_right = false;
+  std::string field;
+  FormulaText value;
+};
+
 /// One direction of the grid: nodes from + i (to - from)/cells, i = 0 … cells-1, and between walls i = cells, too.
 struct GridAxis {
   std::string name;  ///< "x", "y" or "z"
@@ -158,6 +165,7 @@ struct GridAxis {
   std::vector<StatedTwist> twists = {};
   std::optional<StatedSponge> sponge = {};
   grids::End left = grids::End::periodic, right = grids::End::periodic;
+  std::vector<StatedDrive> drives = {};
 
   [[nodiscard]] bool has_walls() const { return left != grids::End::periodic; }
   [[nodiscard]] std::int64_t nodes() const { return cells + (has_walls() ? 1 : 0); }
@@ -227,6 +235,8 @@ struct MultisymplecticProblem {
   [[nodiscard]] const StatedSponge* sponge() const;
   /// True if an axis is between walls.
   [[nodiscard]] bool has_walls() const;
+  /// True if a wall gives a field values in time.
+  [[nodiscard]] bool has_drives() const;
 };
 
 /// Of an orbit, in the order of orbit_methods(). A lattice's scheme is one of lattice_methods(), by its name.

@@ -680,6 +680,11 @@ private:
       throw ProblemError(scheme_.space_stages_location,
                          fmt::format("space_stages = {}: {}", scheme_.space_stages, reason));
     }
+    if (pde.has_drives() && scheme_.levels == Levels::variable) {
+      throw ProblemError(scheme_.levels_location,
+                         "walls of [grid] drive fields, and the work that they do reads both steps at a level: write "
+                         "levels = \"fixed\"");
+    }
     if (pde.has_walls()) {
       at_location(scheme_.lagrangian_location,
                   [&] { return make_lattice_method(method_choice(scheme_), make_grid(problem_)); });

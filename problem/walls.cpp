@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <memory>
 #include <random>
 #include <vector>
 
@@ -14,6 +15,7 @@
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
+#include <rubato/problem/scheme_options.hpp>
 
 namespace rubato {
 
@@ -22,19 +24,34 @@ namespace {
 constexpr std::array<std::string_view, 2> wall_words = {"fixed", "free"};
 
 /// One end; periodic where it is not given.
-grids::End read_end(Section& section, const char* key, std::span<const std::string> fields) {
+grids::End read_end(Section& section, const char* key, std::span<const std::string> fields,
+                    std::vector<StatedDrive>& drives) {
   const Entry* const entry = section.take(key);
   if (entry == nullptr) {
     return grids::End::periodic;
   }
   if (entry->value.table() != nullptr) {
-    throw ProblemError(
-        entry->location,
-        fmt::format("{0}: no scheme takes a value of {1} that depends on t; write {0} = \"fixed\", which "
-                    "holds fields at their initial values",
-                    key, fmt::join(fields, ", ")));
+    for (const Entry& value : *entry->value.table()) {
+      if (std::ranges::find(fields, value.key) == fields.end()) {
+        throw ProblemError(value.location, fmt::format("{}: {} is not a field; the fields are {}", key, value.key,
+                                                       fmt::join(fields, ", ")));
+      }
+      drives.push_back({std::string_view(key) == "right", value.key, read_formula(value.value, value.key)});
+    }
+    if (entry->value.table()->empty()) {
+      throw ProblemError(entry->location,
+                         fmt::format("{0} names no field: write {0} = {{ {1} = \"sin(t)\" }}, \"fixed\" or \"free\"",
+                                     key, fields.front()));
+    }
+    return grids::End::fixed;
   }
   return read_word(entry->value, key, wall_words) == 0 ? grids::End::fixed : grids::End::free;
+}
+
+std::vector<std::string> drive_arguments(const MultisymplecticProblem& pde) {
+  std::vector<std::string> names = {"t"};
+  std::ranges::copy(pde.axis_names(), std::back_inserter(names));
+  return names;
 }
 
 /// The largest change of L in a mirror normal to an axis at random corners, relative to L.
@@ -67,6 +84,32 @@ double change_in_mirror(const CornerDensity& density, int axis, const MirrorSign
 }
 
 }  // namespace
+
+std::shared_ptr<const WallDrives> make_wall_drives(const Problem& problem) {
+  const MultisymplecticProblem& pde = *problem.multisymplectic();
+  if (!pde.has_drives()) {
+    return nullptr;
+  }
+  const std::vector<std::string> names = drive_arguments(pde);
+  WallDrives drives{.walls = {}, .start = pde.start};
+  for (std::size_t a = 0; a < pde.axes.size(); ++a) {
+    for (const StatedDrive& drive : pde.axes[a].drives) {
+      formula::Graph graph;
+      std::vector<formula::Expression> variables;
+      for (const std::string& name : names) {
+        variables.push_back(graph.variable(name));
+      }
+      const formula::Expression value = problem.build(drive.value, graph, names);
+      const std::array outputs{value, formula::derivative(value, variables.front())};
+      const auto field = std::ranges::find(pde.fields, drive.field);
+      drives.walls.push_back({.axis = static_cast<int>(a),
+                              .is_right = drive.is_right,
+                              .field = static_cast<int>(field - pde.fields.begin()),
+                              .code = formula::Bytecode(outputs, variables)});
+    }
+  }
+  return std::make_shared<const WallDrives>(std::move(drives));
+}
 
 void check_density_walls(const Problem& problem, const FormulaText& text, const CornerDensity& density) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
@@ -108,8 +151,8 @@ void check_density_walls(const Problem& problem, const FormulaText& text, const 
 }
 
 void read_walls(Section& section, std::span<const std::string> fields, GridAxis& axis) {
-  axis.left = read_end(section, "left", fields);
-  axis.right = read_end(section, "right", fields);
+  axis.left = read_end(section, "left", fields, axis.drives);
+  axis.right = read_end(section, "right", fields, axis.drives);
   if ((axis.left == grids::End::periodic) != (axis.right == grids::End::periodic)) {
     const bool is_left = axis.right == grids::End::periodic;
     throw ProblemError(section.location(),
@@ -139,6 +182,11 @@ void check_walls(const Problem& problem) {
   }
   if (pde.next) {
     throw ProblemError(pde.next->location, "[initial.next] is for grids without walls: leave one of them out");
+  }
+  for (const GridAxis& axis : pde.axes) {
+    for (const StatedDrive& drive : axis.drives) {
+      check_formula(drive.value, {.names = drive_arguments(pde)}, problem.parameters);
+    }
   }
   const MultisymplecticSystem system = make_laboratory_system(problem);
   for (std::size_t a = 0; a < pde.axes.size(); ++a) {

@@ -179,6 +179,9 @@ public:
       loss_.emplace(*bare_method_, system_.without_constant(), grid_, *sponge);
       lost_.emplace(record, fmt::format("/laws/totals/{}", figures::energy_lost_name));
     }
+    if (problem.multisymplectic()->has_drives()) {
+      work_.emplace(record, fmt::format("/laws/totals/{}", figures::wall_work_name));
+    }
     for (const std::string& name : invariants_.names()) {
       stored_invariants_.emplace_back(record, "/laws/" + name);
     }
@@ -264,7 +267,8 @@ private:
   }
 
   /// What a sponge has taken before a level; 0 without one.
-  [[nodiscard]] double lost_at(std::size_t at) { return lost_ ? lost_->at(at) : 0.0; }
+  /// What a sponge has taken, less what walls have done.
+  [[nodiscard]] double lost_at(std::size_t at) { return (lost_ ? lost_->at(at) : 0.0) - (work_ ? work_->at(at) : 0.0); }
 
   void check_frame() {
     const std::optional<MovingFrame> frame = make_frame(problem_);
@@ -582,6 +586,13 @@ private:
           [&] { return tolerance(0)() + tolerance(2)() + Rounding::of_sum(before, law.energy); },
           "what the sponge takes from the states around the step");
     }
+    if (work_) {
+      const double before = work_->at(step);
+      findings_.compare(
+          work_->path(), step + 1, {}, work_->at(step + 1), before + law.work,
+          [&] { return tolerance(0)() + Rounding::of_sum(before, law.energy); },
+          "the work of the walls by the states around the step");
+    }
     residual_.add(law.residual);
     findings_.count(grids::whole_of(grid_).size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {
@@ -660,7 +671,7 @@ private:
   std::vector<StoredLaw> stored_laws_;
   std::unique_ptr<LatticeMethod> bare_method_;
   std::optional<SpongeLoss> loss_;
-  std::optional<SharedRows> lost_;
+  std::optional<SharedRows> lost_, work_;
   std::unique_ptr<StepEquation> equation_;
   OutputCheck output_;
   EventCheck events_;

@@ -94,6 +94,9 @@ public:
       if (lattice_.energy_lost()) {
         names.emplace_back(figures::energy_lost_name);
       }
+      if (lattice_.work()) {
+        names.emplace_back(figures::wall_work_name);
+      }
     }
     return names;
   }
@@ -104,6 +107,9 @@ public:
     total_values_ = residuals_.took_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
     if (const auto lost = lattice_.energy_lost()) {
       total_values_.push_back(*lost);
+    }
+    if (const auto work = lattice_.work()) {
+      total_values_.push_back(*work);
     }
     return std::span<const double>(total_values_).subspan(1);
   }

@@ -173,6 +173,17 @@ Expression NodeVariation::values(Level level, int field) {
   return is_zero(force) ? momentum : momentum + h_ * force;
 }
 
+Expression NodeVariation::values_between_walls(Level level, int field) {
+  const Expression density = between_walls(in_cell(action_.lagrangian()));
+  Expression sum;
+  for (const NodeInput& input : inputs_of(density)) {
+    if (input.kind == NodeInput::Kind::node && input.number == array_of(level, field)) {
+      add_weighted(sum, 1.0, at_node(formula::derivative(density, input.variable), shifted({}, input.offset, -1)));
+    }
+  }
+  return sum.valid() ? h_ * sum : formulas_.graph().constant(0.0);
+}
+
 NodeVariation::AtRest NodeVariation::at_rest(int field) {
   return parts(Level::before, field, Motion::none);
 }
@@ -306,7 +317,7 @@ Expression NodeVariation::by_place(const LatticeAction::Place& place, Offset cel
 
 void NodeVariation::read(NodeCode& code, const grids::FieldSet& before, const grids::FieldSet& after, double h,
                          const PotentialSlopes& slopes, std::initializer_list<const grids::FieldSet*> others) const {
-  std::array<const grids::FieldSet*, 8> all{&before, &after, &places_};
+  std::array<const grids::FieldSet*, 10> all{&before, &after, &places_};
   const auto end = std::ranges::copy(others, all.begin() + 3).out;
   code.read(std::span(all.begin(), end), std::array{h, 1.0 / h}, slopes);
 }

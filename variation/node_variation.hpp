@@ -64,6 +64,8 @@ public:
   [[nodiscard]] formula::Expression between_walls(formula::Expression formula) {
     return formulas_.between_walls(formula);
   }
+  /// ∂𝕊/∂z_f(node)/ΔV at one of the two levels, of the terms of L between walls alone.
+  [[nodiscard]] formula::Expression values_between_walls(Level level, int field);
   [[nodiscard]] formula::Expression along_axis(const PlaceNumbers& numbers) { return formulas_.along_axis(numbers); }
 
   /// In the cell of the node, or one so far from it: J^ν_ρ of a part, as LatticeAction::currents() orders them;

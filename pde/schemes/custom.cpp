@@ -31,8 +31,11 @@ auto refused(const Make& make) {
 /// The scheme of a density that the problem states.
 class CustomMethod final : public LatticeMethod {
 public:
-  CustomMethod(std::shared_ptr<const CornerDensity> density, std::shared_ptr<const SecondLevel> next)
-      : density_(std::move(density)), next_(std::move(next)), reads_one_level_(density_->energy_reads_one_level()) {
+  explicit CustomMethod(const LatticeMethodChoice& choice)
+      : density_(choice.density),
+        next_(choice.next),
+        drives_(choice.drives),
+        reads_one_level_(density_->energy_reads_one_level()) {
     for (int f = 0; f < density_->fields; ++f) {
       if (density_->names(f)) {
         named_.push_back(f);
@@ -117,7 +120,8 @@ public:
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return refused([&] {
-      return make_action_scheme(system, grid, state_action(system, *density_), next_, std::move(first), first_step);
+      return make_action_scheme(system, grid, state_action(system, *density_, drives_), next_, std::move(first),
+                                first_step);
     });
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
@@ -127,7 +131,7 @@ public:
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return make_action_equation(system, grid, state_action(system, *density_), next_, first, first_step);
+    return make_action_equation(system, grid, state_action(system, *density_, drives_), next_, first, first_step);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
                                                       const grids::Grid& grid) const override {
@@ -138,6 +142,7 @@ private:
   [[nodiscard]] bool names_all() const { return static_cast<int>(named_.size()) == density_->fields; }
   std::shared_ptr<const CornerDensity> density_;
   std::shared_ptr<const SecondLevel> next_;
+  std::shared_ptr<const WallDrives> drives_;
   std::vector<int> named_;
   bool reads_one_level_;
 };
@@ -152,7 +157,7 @@ const LatticeMethodEntry& custom_lattice_method() {
         if (choice.density == nullptr) {
           throw std::invalid_argument("lagrangian = \"custom\" needs L, the density of the discrete action");
         }
-        return std::make_unique<CustomMethod>(choice.density, choice.next);
+        return std::make_unique<CustomMethod>(choice);
       }};
   return entry;
 }

@@ -157,8 +157,11 @@ std::vector<int> moving_fields(const MultisymplecticSystem& system) {
   return fields;
 }
 
-StatedAction stated_leapfrog(const MultisymplecticSystem& system) {
-  return {.action = leapfrog_action(system.without_constant()), .is_symmetric = true, .cell_equations = {}};
+StatedAction stated_leapfrog(const MultisymplecticSystem& system, std::shared_ptr<const WallDrives> drives) {
+  return {.action = leapfrog_action(system.without_constant()),
+          .is_symmetric = true,
+          .cell_equations = {},
+          .drives = std::move(drives)};
 }
 
 /// Leapfrog in time and space, from leapfrog_action() alone: step, energy, equation, tangent and laws are variations of
@@ -169,6 +172,8 @@ StatedAction stated_leapfrog(const MultisymplecticSystem& system) {
 /// of which the first is linear in u_{k+1}; the fields w are differences of u at each level.
 class LeapfrogMethod final : public LatticeMethod {
 public:
+  explicit LeapfrogMethod(std::shared_ptr<const WallDrives> drives) : drives_(std::move(drives)) {}
+
   /// A step reads one neighbour of u and renews its ghost farthest out, so that other fields are right one ghost less
   /// far; laws take the divergence of currents that are made of differences.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem&) const override { return {3, 3}; }
@@ -186,7 +191,7 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
-    return make_action_scheme(system, grid, stated_leapfrog(system), nullptr, std::move(first), first_step);
+    return make_action_scheme(system, grid, stated_leapfrog(system, drives_), nullptr, std::move(first), first_step);
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     std::vector<int> moving = moving_fields(tables.system);
@@ -194,12 +199,15 @@ public:
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return make_action_equation(system, grid, stated_leapfrog(system), nullptr, first, first_step);
+    return make_action_equation(system, grid, stated_leapfrog(system, drives_), nullptr, first, first_step);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
                                                       const grids::Grid& grid) const override {
-    return make_action_tangents(system, grid, stated_leapfrog(system));
+    return make_action_tangents(system, grid, stated_leapfrog(system, nullptr));
   }
+
+private:
+  std::shared_ptr<const WallDrives> drives_;
 };
 
 }  // namespace
@@ -207,8 +215,8 @@ public:
 LatticeMethodEntry leapfrog_method() {
   return {.name = "leapfrog",
           .summary = "second differences in time and space, explicit; wave equations",
-          .make = [](const LatticeMethodChoice&) -> std::unique_ptr<LatticeMethod> {
-            return std::make_unique<LeapfrogMethod>();
+          .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
+            return std::make_unique<LeapfrogMethod>(choice.drives);
           }};
 }
 

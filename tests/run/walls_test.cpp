@@ -413,7 +413,6 @@ TEST_CASE("walls are refused where they cannot be, with place, reason and remedy
   CHECK(refusal({}).empty());
   CHECK_THAT(refusal({"grid.x.left=periodic"}), Contains("left") && Contains("fixed"));
   CHECK_THAT(refusal({}, with(collision, "left = \"fixed\", ", "")), Contains("walls.toml:11:") && Contains("left"));
-  CHECK_THAT(refusal({}, with(collision, "\"fixed\"", "{ u = \"sin(t)\" }")), Contains("depends on t"));
   CHECK_THAT(refusal({"grid.x.jump.u=2*pi"}), Contains("jump"));
   CHECK_THAT(refusal({"scheme.frame.velocity=0.5"}), Contains("walls"));
   for (const char* scheme : {"box", "euler-box"}) {

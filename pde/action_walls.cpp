@@ -1,0 +1,95 @@
+#include <algorithm>
+#include <vector>
+
+#include <rubato/pde/action_step.hpp>
+#include <rubato/pde/mirror_signs.hpp>
+
+namespace rubato {
+
+void ActionStep::find_held() {
+  const MultisymplecticSystem& system = rows_.system();
+  const grids::Grid& grid = rows_.grid();
+  is_loose_.resize(static_cast<std::size_t>(system.field_count()));
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const grids::Axis& axis = grid.axis(a);
+    if (axis.ghosts == 0) {
+      continue;
+    }
+    const MirrorSigns signs(system, a, axis.name);
+    for (int f = 0; f < system.field_count(); ++f) {
+      PlaceNumbers loose{a, std::vector<double>(axis.cells, 1.0)};
+      loose.values[axis.ghosts] = signs.at(f, axis.left) > 0 ? 1.0 : 0.0;
+      loose.values[axis.ghosts + axis.cell_count()] = signs.at(f, axis.right) > 0 ? 1.0 : 0.0;
+      if (signs.at(f, axis.left) < 0 || signs.at(f, axis.right) < 0) {
+        Expression& product = is_loose_[static_cast<std::size_t>(f)];
+        const Expression factor = rows_.variation().along_axis(loose);
+        product = product.valid() ? product * factor : factor;
+      }
+    }
+  }
+}
+
+int ActionStep::place_of_driven(int field) const {
+  if (!driven_nodes_) {
+    return -1;
+  }
+  const std::vector<int>& fields = driven_nodes_->fields();
+  const auto found = std::ranges::find(fields, field);
+  return found == fields.end() ? -1 : static_cast<int>(found - fields.begin());
+}
+
+formula::Expression ActionStep::where_loose(int field, Expression value) {
+  const Expression loose = is_loose_[static_cast<std::size_t>(field)];
+  if (!loose.valid()) {
+    return value;
+  }
+  NodeVariation& variation = rows_.variation();
+  const int driven = place_of_driven(field);
+  const Expression held = driven < 0 ? variation.node(NodeVariation::Level::before, field)
+                                     : variation.other(rows_.kept() + 2 * rows_.system().field_count() + driven);
+  return loose * value + (1.0 - loose) * held;
+}
+
+void ActionStep::drive(double t) {
+  for (const DrivenNodes::Node& node : driven_nodes_->nodes()) {
+    const DrivenNodes::Values values = driven_nodes_->at(node, t);
+    driven_.field(place_of_driven(node.u))[node.node] = values.u;
+    driven_.field(place_of_driven(node.row.v))[node.node] = values.v;
+  }
+}
+
+ActionStep::Work ActionStep::work(double h, const LatticeLevel& before, const grids::FieldSet& after) {
+  Work work;
+  if (!driven_nodes_) {
+    return work;
+  }
+  const int d = rows_.system().field_count();
+  NodeCode& forces = made(codes_.on_walls, [&] {
+    std::vector<Expression> values;
+    for (const auto level : {NodeVariation::Level::before, NodeVariation::Level::after}) {
+      for (int f = 0; f < d; ++f) {
+        values.push_back(rows_.variation().values_between_walls(level, f));
+      }
+    }
+    return values;
+  });
+  read(forces, h, before, after, no_momenta_);
+  std::vector<double> values(2 * static_cast<std::size_t>(d));
+  std::vector<double*> out;
+  for (double& value : values) {
+    out.push_back(&value);
+  }
+  for (const DrivenNodes::Node& node : driven_nodes_->nodes()) {
+    forces.evaluate(0, node.node, node.node + 1, {}, out);
+    const auto u = static_cast<std::size_t>(node.u);
+    const auto part = [&](double force, double v) {
+      return -volume_ * (force + node.weight * node.row.m * v) * node.row.rate(v);
+    };
+    const double v_before = before.fields.field(node.row.v)[node.node], v_after = after.field(node.row.v)[node.node];
+    work.before += part(values[u], v_before);
+    work.after += -part(-values[u + static_cast<std::size_t>(d)], v_after);
+  }
+  return work;
+}
+
+}  // namespace rubato

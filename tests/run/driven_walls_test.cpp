@@ -1,0 +1,187 @@
+// [grid] left = { u = "sin(t)" }: walls that give fields their values in time, and the work that they do.
+
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include <rubato/problem/lattice_problem.hpp>
+#include <rubato/record/reader.hpp>
+#include <rubato/run/check.hpp>
+#include <rubato/run/run.hpp>
+
+#include "problem_texts.hpp"
+#include "records.hpp"
+
+using namespace rubato;
+using namespace rubato::run_tests;
+using Catch::Matchers::Contains;
+
+namespace {
+
+/// A breather whose middle is at x = 2: both walls move as it does.
+constexpr const char* driven_breather = R"toml(
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + 1 - cos(u)"
+[parameters]
+W = 0.6
+g = "sqrt(1 - W^2)"
+[definitions]
+breather = "4*atan(g/W*sin(W*t)*sech(g*(x - 2)))"
+[grid]
+x = { from = 0, to = 6, cells = 60, left = { u = "4*atan(g/W*sin(W*t)*sech(2*g))" }, right = { u = "breather" } }
+[initial]
+t = 0.5
+u = "breather"
+v = "4*g*cos(W*t)*sech(g*(x - 2))/(1 + (g/W*sin(W*t)*sech(g*(x - 2)))^2)"
+[exact]
+u = "breather"
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.05
+until = 8.5
+)toml";
+
+/// The equation as an action of corners.
+const Settings driven_action = {
+    "scheme.lagrangian=custom",
+    "scheme.L=((u_10 - u_00)^2 + (u_11 - u_01)^2)/(4*h^2) - ((u_01 - u_00)^2 + (u_11 - u_10)^2)/(4*dx^2) - 1 + "
+    "(cos(u_00) + cos(u_01) + cos(u_10) + cos(u_11))/4"};
+
+Outcome driven_outcome(const Settings& settings, const std::string& problem = driven_breather) {
+  const Folder folder;
+  Outcome outcome = run(parse_problem(problem, "driven.toml", settings), {.output = folder / "a.h5", .threads = 1});
+  REQUIRE(outcome.complete);
+  return outcome;
+}
+
+const figures::Deviation& work_of(const Outcome& outcome) {
+  const auto found =
+      std::ranges::find(outcome.statistics.totals, std::string("work"), &figures::Named<figures::Deviation>::name);
+  REQUIRE(found != outcome.statistics.totals.end());
+  return found->value;
+}
+
+std::string driven_refusal(const Settings& settings, const std::string& problem = driven_breather) {
+  try {
+    static_cast<void>(make_lattice(parse_problem(problem, "driven.toml", settings)));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+}  // namespace
+
+TEST_CASE("walls that move as a breather lead it with the order of the scheme, and their work balances its energy") {
+  for (const Settings& scheme : {Settings{}, driven_action}) {
+    std::vector<double> errors, balances;
+    double work = 0.0;
+    for (int halvings = 0; halvings < 3; ++halvings) {
+      const Outcome outcome = driven_outcome(joined(scheme, {fmt::format("scheme.step={}", 0.05 / (1 << halvings)),
+                                                             fmt::format("grid.x.cells={}", 60 << halvings)}));
+      errors.push_back(outcome.statistics.errors.front().value.largest());
+      balances.push_back(outcome.statistics.node_energy.max());  // less the work
+      work = work_of(outcome).max();
+    }
+    INFO("errors " << errors[0] << ", " << errors[1] << ", " << errors[2] << ", balances " << balances[0] << ", "
+                   << balances[1] << ", " << balances[2] << ", work " << work);
+    for (std::size_t i = 0; i < 2; ++i) {
+      CHECK(std::log2(errors[i] / errors[i + 1]) == Approx(2.0).margin(0.3));
+      CHECK(std::log2(balances[i] / balances[i + 1]) == Approx(2.0).margin(0.3));
+    }
+    // The twin: without the work the energy changes by a good part of that of the breather, 16 g = 12.8.
+    CHECK(work > 1.0);
+    CHECK(balances.front() < 0.02 * work);
+  }
+  // The twin: a wall that goes elsewhere.
+  CHECK(driven_outcome(
+            {}, with(driven_breather, "right = { u = \"breather\" }", "right = { u = \"breather + (t - 0.5)/4\" }"))
+            .statistics.errors.front()
+            .value.largest() > 0.1);
+}
+
+TEST_CASE("a wall gives a plane values that depend on the place along it") {
+  const std::string plane = R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+S = "(v^2 - a^2 - b^2)/2"
+[parameters]
+k = "pi"
+w = "sqrt(4 + k^2)"
+[definitions]
+wave = "sin(2*x - w*t)*cos(k*y)"
+[grid]
+x = { from = 0, to = 2, cells = 20, left = { u = "wave" }, right = { u = "wave" } }
+y = { from = 0, to = 1, cells = 10, left = "free", right = "free" }
+[initial]
+u = "wave"
+v = "-w*cos(2*x - w*t)*cos(k*y)"
+[exact]
+u = "wave"
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.04
+until = 2
+)toml";
+  std::vector<double> errors, balances;
+  for (int halvings = 0; halvings < 3; ++halvings) {
+    const Outcome outcome =
+        driven_outcome({fmt::format("scheme.step={}", 0.04 / (1 << halvings)),
+                        fmt::format("grid.x.cells={}", 20 << halvings), fmt::format("grid.y.cells={}", 10 << halvings)},
+                       plane);
+    errors.push_back(outcome.statistics.errors.front().value.largest());
+    balances.push_back(outcome.statistics.node_energy.max());
+  }
+  INFO("errors " << errors[0] << ", " << errors[1] << ", " << errors[2] << ", balances " << balances[0] << ", "
+                 << balances[1] << ", " << balances[2]);
+  for (std::size_t i = 0; i < 2; ++i) {
+    CHECK(std::log2(errors[i] / errors[i + 1]) == Approx(2.0).margin(0.3));
+    CHECK(std::log2(balances[i] / balances[i + 1]) == Approx(2.0).margin(0.3));
+  }
+}
+
+TEST_CASE("records of driven walls are checked and resumed") {
+  const Folder folder;
+  for (const Settings& scheme : {Settings{}, driven_action}) {
+    static_cast<void>(run(parse_problem(driven_breather, "driven.toml", scheme),
+                          {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
+    static_cast<void>(run(parse_problem(driven_breather, "driven.toml", joined(scheme, {"scheme.until=3"})),
+                          {.output = folder / "part.h5", .overwrite = true, .threads = 1}));
+    static_cast<void>(resume(folder / "part.h5", 8.5));
+    const record::Reader whole(folder / "a.h5"), parts(folder / "part.h5");
+    for (const char* path : {"/levels/node_energy", "/levels/energy", "/laws/totals/work"}) {
+      CHECK(whole.read(path) == parts.read(path));
+    }
+    CHECK(last_row(whole, "/states/u") == last_row(parts, "/states/u"));
+    CHECK(check(folder / "a.h5").status == ExitStatus::done);
+  }
+  falsify(folder / "a.h5", "/laws/totals/work", 40, 1e-6);
+  CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
+TEST_CASE("driven walls are refused where they cannot be, and data that do not meet them reported") {
+  CHECK(driven_refusal({}).empty());
+  CHECK_THAT(driven_refusal({"scheme.levels=variable"}), Contains("levels") && Contains("fixed"));
+  CHECK_THAT(driven_refusal({"scheme.lagrangian=fourier"}), Contains("drive") && Contains("leapfrog"));
+  CHECK_THAT(driven_refusal({}, with(driven_breather, "right = { u", "right = { q")), Contains("q is not a field"));
+  CHECK_THAT(driven_refusal({}, with(driven_breather, "right = { u", "right = { w")), Contains("cannot drive w"));
+  CHECK_THAT(driven_refusal({}, with(driven_breather, "right = { u = \"breather\"", "right = { u = \"u + t\"")),
+             Contains("driven.toml:13:"));
+  CHECK_THAT(driven_refusal({"initial.u=1"}), Contains("u differs by") && Contains("meet the wall"));
+  const auto cautions = make_lattice(parse_problem(driven_breather, "driven.toml", Settings{"initial.v=0"})).cautions();
+  REQUIRE(!cautions.empty());
+  CHECK_THAT(cautions.front(), Contains("v misses by") && Contains("short waves"));
+}
