@@ -83,7 +83,7 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
 StepReport LatticeIntegrator::step() {
   // The scheme overwrites its level only when the step is accepted, but a copy is needed before that. A step that fails
   // leaves the level before as it was, too.
-  const bool reported = scheme_->level_is_current() && scheme_->previous() == nullptr;
+  const bool reported = scheme_->level_is_current() && before_.size() > 0;  // else the scheme keeps the level before
   if (reported) {
     before_.copy_from(scheme_->level().fields);
   }
