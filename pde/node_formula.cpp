@@ -1,6 +1,8 @@
 #include <rubato/pde/node_formula.hpp>
 
 #include <algorithm>
+#include <array>
+#include <iterator>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -10,6 +12,7 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/local_polynomial.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 
 namespace rubato {
 
@@ -20,7 +23,6 @@ struct Input {
   enum class Kind { time, axis, field, number } kind = Kind::time;
   int number = 0;                ///< of the axis, the field or the number
   std::vector<int> derivatives;  ///< axes, the innermost first
-  std::vector<double> places;    ///< of the nodes along the axis
 };
 
 }  // namespace
@@ -87,10 +89,6 @@ struct NodeFormula::Storage {
     if (input.derivatives.empty() && find_axis(name) >= 0) {
       input.kind = Input::Kind::axis;
       input.number = find_axis(name);
-      input.places.resize(grid.size());
-      for (std::size_t i = 0; i < grid.size(); ++i) {
-        input.places[i] = grid.axis(input.number).node(i / grid.stride(input.number) % grid.cells(input.number));
-      }
       return input;
     }
     throw std::invalid_argument(
@@ -108,34 +106,62 @@ struct NodeFormula::Storage {
     return -1;
   }
 
-  /// The values of one input at every node, made in `room` where they are nowhere else.
-  [[nodiscard]] const double* values_of(const Input& input, std::span<const double* const> values, double t,
-                                        const PotentialSlopes& slopes, std::span<const double> constants,
-                                        std::vector<double>& room) const {
-    const auto number = static_cast<std::size_t>(input.number);
-    switch (input.kind) {
-      case Input::Kind::time: room.assign(grid.size(), t); break;
-      case Input::Kind::number: room.assign(grid.size(), constants[number]); break;
-      case Input::Kind::axis: return input.places.data();
-      case Input::Kind::field:
-        if (input.derivatives.empty()) {
-          return values[number];
-        }
-        room.assign(values[number], values[number] + grid.size());
-        for (const int axis : input.derivatives) {
-          if (grid.axis(axis).has_walls()) {
-            grids::local_derivative(grid, axis, room.data(), room.data());
-          } else {
-            derivative(axis, room.data(), room.data());
-          }
-        }
-        if (input.derivatives == std::vector<int>{0}) {
-          for (std::size_t i = 0; i < room.size(); ++i) {
-            room[i] += slopes.at(input.number, i / grid.cells(0));
-          }
-        }
+  /// A derivative of a field at every node, made in `room`; a field itself is where it is.
+  [[nodiscard]] const double* values_of(const Input& input, std::span<const double* const> values,
+                                        const PotentialSlopes& slopes, std::vector<double>& room) const {
+    const double* const field = values[static_cast<std::size_t>(input.number)];
+    if (input.derivatives.empty()) {
+      return field;
+    }
+    room.assign(field, field + grid.size());
+    for (const int axis : input.derivatives) {
+      if (grid.axis(axis).has_walls()) {
+        grids::local_derivative(grid, axis, room.data(), room.data());
+      } else {
+        derivative(axis, room.data(), room.data());
+      }
+    }
+    if (input.derivatives == std::vector<int>{0}) {
+      for (std::size_t i = 0; i < room.size(); ++i) {
+        room[i] += slopes.at(input.number, i / grid.cells(0));
+      }
     }
     return room.data();
+  }
+
+  static constexpr std::size_t block_nodes = 4096;
+
+  /// Evaluates the formulas at the nodes of [first, end), a block at a time: place(begin, count) says where the values
+  /// of each go, used(begin, count) reads them.
+  template <class Place, class Use>
+  void in_blocks(std::span<const double* const> values, double t, const PotentialSlopes& slopes,
+                 std::span<const double> constants, std::size_t first, std::size_t end, const Place& place,
+                 const Use& used) {
+    std::vector<std::vector<double>> rooms(inputs.size());
+    std::vector<const double*> whole(inputs.size(), nullptr), in(inputs.size());
+    for (std::size_t j = 0; j < inputs.size(); ++j) {
+      const Input& input = inputs[j];
+      switch (input.kind) {
+        case Input::Kind::field: whole[j] = values_of(input, values, slopes, rooms[j]); break;
+        case Input::Kind::time: rooms[j].assign(block_nodes, t); break;
+        case Input::Kind::number:
+          rooms[j].assign(block_nodes, constants[static_cast<std::size_t>(input.number)]);
+          break;
+        case Input::Kind::axis: rooms[j].resize(block_nodes);
+      }
+    }
+    for (std::size_t begin = first; begin < end; begin += block_nodes) {
+      const std::size_t count = std::min(block_nodes, end - begin);
+      for (std::size_t j = 0; j < inputs.size(); ++j) {
+        const int axis = inputs[j].number;
+        for (std::size_t i = 0; inputs[j].kind == Input::Kind::axis && i < count; ++i) {
+          rooms[j][i] = grid.axis(axis).node((begin + i) / grid.stride(axis) % grid.cells(axis));
+        }
+        in[j] = whole[j] != nullptr ? whole[j] + begin : rooms[j].data();
+      }
+      evaluate(count, in, place(begin));
+      used(begin, count);
+    }
   }
 };
 
@@ -150,18 +176,13 @@ std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double*
                                                          const PotentialSlopes& slopes,
                                                          std::span<const double> numbers) {
   Storage& s = *storage_;
-  std::vector<std::vector<double>> rooms(s.inputs.size());
-  std::vector<const double*> in;
-  for (std::size_t i = 0; i < rooms.size(); ++i) {
-    in.push_back(s.values_of(s.inputs[i], values, t, slopes, numbers, rooms[i]));
-  }
   std::vector<std::vector<double>> results(s.outputs, std::vector<double>(s.grid.size()));
-  std::vector<double*> out;
-  out.reserve(results.size());
-  for (auto& result : results) {
-    out.push_back(result.data());
-  }
-  s.evaluate(s.grid.size(), in, out);
+  std::vector<double*> out(s.outputs);
+  const auto place = [&](std::size_t begin) -> std::span<double* const> {
+    std::ranges::transform(results, out.begin(), [begin](std::vector<double>& result) { return &result[begin]; });
+    return out;
+  };
+  s.in_blocks(values, t, slopes, numbers, 0, s.grid.size(), place, [](std::size_t, std::size_t) {});
   return results;
 }
 
@@ -181,8 +202,8 @@ std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, c
       case Input::Kind::number: inputs.push_back(numbers[number]); break;
       case Input::Kind::axis: inputs.push_back(point.coordinates()[number]); break;
       case Input::Kind::field:
-        inputs.push_back(point(
-            std::span(s.values_of(input, level.fields.pointers(), t, level.slopes, numbers, room), s.grid.size())));
+        inputs.push_back(
+            point(std::span(s.values_of(input, level.fields.pointers(), level.slopes, room), s.grid.size())));
     }
   }
   std::vector<const double*> in;
@@ -199,9 +220,37 @@ std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, c
 }
 
 std::vector<double> NodeFormula::integrals(const LatticeLevel& level, double t) {
-  const std::vector<std::vector<double>> values = (*this)(level, t);
-  const std::vector<std::span<const double>> rows(values.begin(), values.end());
-  return grids::integrals(storage_->grid, rows);
+  Storage& s = *storage_;
+  const grids::Slab* const slab = grids::Slab::of(s.grid);
+  const std::size_t first = slab == nullptr ? 0 : slab->first_node();
+  const std::size_t end = slab == nullptr ? s.grid.size() : first + slab->owned();
+  std::vector<std::array<double, Storage::block_nodes>> values(s.outputs);
+  std::vector<double*> out;
+  std::ranges::transform(values, std::back_inserter(out), [](auto& of_one) { return of_one.data(); });
+  std::vector<CompensatedSum> sums(s.outputs);
+  s.in_blocks(
+      level.fields.pointers(), t, level.slopes, {}, first, end,
+      [&](std::size_t) -> std::span<double* const> { return out; },
+      [&](std::size_t begin, std::size_t count) {
+        for (std::size_t j = 0; j < s.outputs; ++j) {
+          for (std::size_t i = 0; s.grid.has_walls() && i < count; ++i) {
+            values[j][i] *= s.grid.weight(begin + i);
+          }
+          grids::LaneSum sum;
+          sum.add(std::span<const double>(values[j]).first(count));
+          sums[j].add(sum.total());
+        }
+      });
+  std::vector<double> totals(s.outputs);
+  if (slab != nullptr) {
+    slab->reduce(sums, totals, {});
+  } else {
+    std::ranges::transform(sums, totals.begin(), &CompensatedSum::value);
+  }
+  for (double& total : totals) {
+    total *= s.grid.cell_volume();
+  }
+  return totals;
 }
 
 }  // namespace rubato

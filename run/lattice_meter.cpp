@@ -6,6 +6,7 @@
 #include <memory>
 #include <numbers>
 
+#include <rubato/grids/reductions.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/twists.hpp>
 #include <rubato/pde/well_posedness.hpp>
@@ -26,14 +27,6 @@ void raise(double value, double t, double& largest, double& when) {
     largest = value;
     when = t;
   }
-}
-
-double largest_magnitude(std::span<const double> values) {
-  double largest = 0.0;
-  for (const double value : values) {
-    largest = std::max(largest, std::abs(value));
-  }
-  return largest;
 }
 
 bool names_noise(const Problem& problem) {
@@ -67,38 +60,57 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
 }
 
 LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values) {
-  constexpr std::size_t small = std::size_t{1} << 18;
-  if (!waves_) {
-    waves_.emplace(grid_, 1);
-  }
-  grids::Fourier& waves = *waves_;
-  const double* const arrays[] = {values.data()};
-  waves.forward(arrays);
-  Spectrum spectrum;
+  const auto nodes = static_cast<double>(values.size());
+  const double sum = grids::sum_of(values.size(), [&](std::size_t i) { return values[i]; });
+  const double squares = grids::sum_of(values.size(), [&](std::size_t i) {
+    const double deviation = values[i] - sum / nodes;
+    return deviation * deviation;
+  });
+  Spectrum spectrum{.mean = sum * sum, .power = nodes * squares, .along = {}};
+  double others = 1.0, without_alternating = 1.0;  // shares of waves that are neither along an axis so far
   for (int a = 0; a < grid_.dimensions(); ++a) {
-    spectrum.along.emplace_back(grid_.cells(a) / 2 + 1, 0.0);
-  }
-  const auto cells_x = static_cast<std::ptrdiff_t>(grid_.cells(0));
-  for (std::size_t mode = 0; mode < waves.modes(); ++mode) {
-    const auto k = waves.wave(mode);
-    // Half of the modes along x are kept: the others are their conjugates.
-    const double power = std::norm(waves.at(0, mode)) * (k[0] == 0 || 2 * k[0] == cells_x ? 1.0 : 2.0);
-    bool is_last = false, alternates = false, is_mean = true;
-    for (int a = 0; a < grid_.dimensions(); ++a) {
-      const auto index = static_cast<std::size_t>(std::abs(k[static_cast<std::size_t>(a)]));
-      spectrum.along[static_cast<std::size_t>(a)][index] += power;
-      is_last = is_last || 3 * index > grid_.cells(a);
-      alternates = alternates || 2 * index == grid_.cells(a);
-      is_mean = is_mean && index == 0;
+    const std::vector<double>& along = spectrum.along.emplace_back(powers_along(a, values));
+    double last = 0.0;
+    for (std::size_t k = 1; k < along.size(); ++k) {
+      last += 3 * k > grid_.cells(a) ? along[k] : 0.0;
     }
-    (is_mean ? spectrum.mean : spectrum.power) += power;
-    spectrum.last += is_last ? power : 0.0;
-    spectrum.alternating += alternates ? power : 0.0;
+    const double alternating = grid_.cells(a) % 2 == 0 ? along.back() : 0.0;
+    others *= 1.0 - std::min(last / spectrum.power, 1.0);
+    without_alternating *= 1.0 - std::min(alternating / spectrum.power, 1.0);
   }
-  if (grid_.size() > small) {
-    waves_.reset();
+  if (spectrum.power > 0.0) {
+    spectrum.last = (1.0 - others) * spectrum.power;
+    spectrum.alternating = (1.0 - without_alternating) * spectrum.power;
   }
   return spectrum;
+}
+
+/// Of all lines along an axis, or of some that are as far from each other as can be, for as many as there are.
+std::vector<double> LatticeMeter::powers_along(int axis, std::span<const double> values) {
+  constexpr std::size_t most_nodes = std::size_t{1} << 16;
+  const std::size_t n = grid_.cells(axis), stride = grid_.stride(axis), lines = values.size() / n;
+  const std::size_t taken = std::clamp<std::size_t>(most_nodes / n, 1, lines);
+  auto& waves = waves_[static_cast<std::size_t>(axis)];
+  if (!waves) {
+    grids::Axis line = grid_.axis(axis);
+    line.left = line.right = grids::End::periodic;
+    waves.emplace(grids::Grid({line}), 1);
+  }
+  const auto to_all = static_cast<double>(lines) / static_cast<double>(taken) * static_cast<double>(lines);
+  std::vector<double> line(n), powers(n / 2 + 1, 0.0);
+  const double* const arrays[] = {line.data()};
+  for (std::size_t number = 0; number < taken; ++number) {
+    const std::size_t place = number * lines / taken, first = place % stride + place / stride * stride * n;
+    for (std::size_t i = 0; i < n; ++i) {
+      line[i] = values[first + i * stride];
+    }
+    waves->forward(arrays);
+    for (std::size_t k = 0; k < powers.size(); ++k) {
+      // Half of the modes are kept: the others are their conjugates.
+      powers[k] += to_all * std::norm(waves->at(0, k)) * (k == 0 || 2 * k == n ? 1.0 : 2.0);
+    }
+  }
+  return powers;
 }
 
 /// S'' at the state whose fields have their root mean squares, in the middle of the domain.
@@ -233,7 +245,7 @@ void LatticeMeter::measure_period(const LatticeLevel& level, double t, bool is_s
   const auto look_at = [&](std::span<const double> values) {
     if (const auto broken = find_seam_break(grid_, values)) {
       const double slope = broken->jump ? 1.0 : grid_.spacing(broken->axis);
-      const double share = std::abs(broken->across) * slope / largest_magnitude(values);
+      const double share = std::abs(broken->across) * slope / grids::max_abs(values);
       measures.period = measures.period >= share ? measures.period : share;
     }
   };
@@ -264,15 +276,13 @@ void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<boo
     }
     const std::span<const double> values = level.fields.field(f);
     double beside = 0.0;
-    for (std::size_t node = 0; node < values.size(); ++node) {
-      const auto place = grid_.place(node);
-      for (int a = 0; a < grid_.dimensions(); ++a) {
-        if (place[static_cast<std::size_t>(a)] == 0 && grid_.axis(a).mirrored == 0) {
-          beside = std::max(beside, std::abs(values[node]));
-        }
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      const std::size_t n = grid_.cells(a), stride = grid_.stride(a);
+      for (std::size_t line = 0; grid_.axis(a).mirrored == 0 && line < values.size() / n; ++line) {
+        beside = std::max(beside, std::abs(values[line % stride + line / stride * stride * n]));
       }
     }
-    most = std::max(most, beside / largest_magnitude(values));
+    most = std::max(most, beside / grids::max_abs(values));
   }
   if (is_start) {
     measures.seam = most < at_rest ? 0.0 : figures::Measures::none;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include <Eigen/Core>
@@ -33,11 +35,13 @@ private:
   struct Spectrum {
     double mean = 0.0;   ///< of the constant
     double power = 0.0;  ///< of all others
-    double last = 0.0;   ///< of those in the last third along some axis
-    double alternating = 0.0;
+    /// Of those in the last third along some axis, and of those that alternate along one. In more dimensions by the
+    /// shares along each, as if these were independent.
+    double last = 0.0, alternating = 0.0;
     std::vector<std::vector<double>> along;  ///< for each axis by |k|
   };
   [[nodiscard]] Spectrum spectrum_of(std::span<const double> values);
+  [[nodiscard]] std::vector<double> powers_along(int axis, std::span<const double> values);
   void remove_rounding(std::vector<Spectrum>& spectra) const;
   [[nodiscard]] Eigen::MatrixXd hessian_of(const std::vector<Spectrum>& spectra) const;
   void measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
@@ -54,7 +58,7 @@ private:
   bool rough_ = false;                   ///< Measures::rough
   bool freezes_alternating_ = false;     ///< the scheme's derivative of the shortest wave of an even number is 0
   bool moves_waves_exactly_ = false;
-  std::optional<grids::Fourier> waves_;  ///< kept of a small lattice
+  std::array<std::optional<grids::Fourier>, 3> waves_;  ///< of a line along each axis
 };
 
 }  // namespace rubato

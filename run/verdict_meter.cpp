@@ -12,8 +12,21 @@ namespace rubato {
 namespace {
 
 /// The first so many levels are in the sample, and at least half as many of k, ..., 2k. Doubled, the sample is twice as
-/// large.
-constexpr std::size_t orbit_density = 128, lattice_density = 16;
+/// large. A large lattice has so few that what they take stays below that of the steps.
+constexpr std::size_t orbit_density = 128, lattice_density = 16, large_density = 2;
+constexpr double large_lattice = 1 << 17;  // nodes
+
+std::size_t density_of(const Problem& problem) {
+  const MultisymplecticProblem* const lattice = problem.multisymplectic();
+  if (lattice == nullptr) {
+    return orbit_density;
+  }
+  double nodes = 1.0;
+  for (const GridAxis& axis : lattice->axes) {
+    nodes *= static_cast<double>(axis.nodes());
+  }
+  return nodes > large_lattice ? large_density : lattice_density;
+}
 
 /// Of a scheme of this order: its phase error is a tenth of the turn or so.
 double fewest_steps_per_turn(int order) {
@@ -23,8 +36,7 @@ double fewest_steps_per_turn(int order) {
 }  // namespace
 
 VerdictMeter::VerdictMeter(const Problem& problem)
-    : dense_(problem.hamiltonian() != nullptr ? orbit_density : lattice_density),
-      stored_(std::numeric_limits<std::size_t>::max()) {
+    : dense_(density_of(problem)), stored_(std::numeric_limits<std::size_t>::max()) {
   const auto stored = static_cast<std::size_t>(problem.output.states_every());
   if (problem.hamiltonian() == nullptr && stored >= lattice_density) {
     stored_ = stored;
