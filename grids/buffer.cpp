@@ -1,6 +1,7 @@
 #include <rubato/grids/buffer.hpp>
 
 #include <sys/mman.h>
+#include <unistd.h>
 
 #include <cstdint>
 #include <cstdlib>
@@ -43,6 +44,18 @@ Buffer::Buffer(std::size_t size) : size_(size) {
   const auto place = reinterpret_cast<std::uintptr_t>(block);
   const std::size_t to_boundary = (alignment - place % alignment) % alignment;
   data_ = Owned(reinterpret_cast<double*>(static_cast<char*>(block) + to_boundary), Free{block, 0});
+}
+
+void Buffer::forget(std::size_t first, std::size_t count) {
+  if (!data_ || data_.get_deleter().of_system == 0) {
+    return;
+  }
+  const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
+  const auto begin = (reinterpret_cast<std::uintptr_t>(data_.get() + first) + page - 1) / page * page;
+  const auto end = reinterpret_cast<std::uintptr_t>(data_.get() + first + count) / page * page;
+  if (begin < end) {
+    static_cast<void>(::madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED));
+  }
 }
 
 void Buffer::Free::operator()(double*) const {

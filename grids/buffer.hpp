@@ -17,6 +17,9 @@ public:
   /// Throws std::bad_alloc.
   explicit Buffer(std::size_t size);
 
+  /// Gives memory of values from `first` on back to the system, as far as it has pages of its own: they are lost.
+  void forget(std::size_t first, std::size_t count);
+
   [[nodiscard]] double* data() { return data_.get(); }
   [[nodiscard]] const double* data() const { return data_.get(); }
   [[nodiscard]] std::size_t size() const { return size_; }

@@ -44,6 +44,8 @@ public:
   [[nodiscard]] std::span<double* const> pointers() { return pointers_; }
   [[nodiscard]] std::span<const double* const> pointers() const { return const_pointers_; }
 
+  /// Gives the memory of a field back: its values are lost.
+  void forget(int f) { buffer_.forget(static_cast<std::size_t>(f) * size_, size_); }
   void fill(double value) { parallel_fill(buffer_.data(), buffer_.size(), value); }
   /// Hypothesis: the same shape.
   void copy_from(const FieldSet& other) {

@@ -416,31 +416,49 @@ void refresh_ghosts(FieldSet& fields) {
   }
 }
 
+namespace {
+
+std::vector<int> all_of(const FieldSet& fields) {
+  std::vector<int> which(static_cast<std::size_t>(fields.fields()));
+  std::iota(which.begin(), which.end(), 0);
+  return which;
+}
+
+}  // namespace
+
 void save_whole(StateWriter& state, const FieldSet& fields) {
-  const Slab* const slab = Slab::of(fields.size());
-  if (slab == nullptr) {
-    state.write(fields.all());
-    return;
-  }
-  if (state.reader() == StateWriter::For::going_back) {
-    state.write_part(fields.all(), static_cast<std::size_t>(fields.fields()) * slab->whole().size());
-    return;
-  }
-  for (int f = 0; f < fields.fields(); ++f) {
-    save_in_parts(state, *slab, fields.field(f));
-  }
+  save_whole(state, fields, all_of(fields));
 }
 
 void restore_whole(StateReader& state, FieldSet& fields) {
+  restore_whole(state, fields, all_of(fields));
+}
+
+void save_whole(StateWriter& state, const FieldSet& fields, std::span<const int> which) {
+  const Slab* const slab = Slab::of(fields.size());
+  for (const int f : which) {
+    if (slab == nullptr) {
+      state.write(fields.field(f));
+    } else if (state.reader() == StateWriter::For::going_back) {
+      state.write_part(fields.field(f), slab->whole().size());
+    } else {
+      save_in_parts(state, *slab, fields.field(f));
+    }
+  }
+}
+
+void restore_whole(StateReader& state, FieldSet& fields, std::span<const int> which) {
   const Slab* const slab = Slab::of(fields.size());
   if (slab == nullptr || state.reader() == StateWriter::For::going_back) {
-    state.read(fields.all());
+    for (const int f : which) {
+      state.read(fields.field(f));
+    }
     return;
   }
-  for (int f = 0; f < fields.fields(); ++f) {
+  for (const int f : which) {
     restore_in_parts(state, *slab, slab->whole().size(), fields.field(f));
   }
-  slab->refresh(fields);
+  slab->refresh(fields, which);
 }
 
 }  // namespace rubato::grids

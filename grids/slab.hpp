@@ -229,6 +229,8 @@ void restore_in_parts(StateReader& state, const Shared& shared, std::size_t of, 
 ///@{
 void save_whole(StateWriter& state, const FieldSet& fields);
 void restore_whole(StateReader& state, FieldSet& fields);
+void save_whole(StateWriter& state, const FieldSet& fields, std::span<const int> which);
+void restore_whole(StateReader& state, FieldSet& fields, std::span<const int> which);
 ///@}
 
 }  // namespace rubato::grids

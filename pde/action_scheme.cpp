@@ -230,6 +230,11 @@ public:
     std::swap(kept_, next_kept_);
     std::swap(level_.fields, trial_);
     std::swap(previous_.fields, trial_);
+    for (const int f : map_.step().written()) {
+      if (previous_is_current_) {
+        trial_.forget(f);
+      }
+    }
     if (ghosts_) {
       map_.step().renew(level_, ghosts_->ranges());
     }
@@ -264,17 +269,13 @@ public:
   }
 
   void save(StateWriter& state) const override {
-    grids::save_whole(state, level().fields);
-    for (const FieldSet* set : {&std::as_const(previous_.fields), &kept_}) {
-      if (is_saved(*set)) {
-        grids::save_whole(state, *set);
-      }
+    for (const FieldSet* set : {&level_.fields, &previous_.fields}) {
+      grids::save_whole(state, *set, map_.step().found());
+    }
+    if (kept_.fields() > 0) {
+      grids::save_whole(state, kept_);
     }
     save_slopes(state, level_.slopes, grid_);
-    if (is_its_level()) {
-      state.write(std::array<double, room_after_level>{work_, steps_});
-      return;
-    }
     state.write(last_h_);
     state.write(at_start_ ? 1.0 : 0.0);
     if (map_.step().is_driven()) {
@@ -282,28 +283,21 @@ public:
     }
   }
   void restore(StateReader& state) override {
-    grids::restore_whole(state, level_.fields);
-    for (FieldSet* set : {&previous_.fields, &kept_}) {
-      if (is_saved(*set)) {
-        grids::restore_whole(state, *set);
-      }
+    for (FieldSet* set : {&level_.fields, &previous_.fields}) {
+      grids::restore_whole(state, *set, map_.step().found());
+    }
+    if (kept_.fields() > 0) {
+      grids::restore_whole(state, kept_);
     }
     restore_slopes(state, level_.slopes, grid_);
     previous_.slopes = level_.slopes;
-    if (is_its_level()) {
-      std::array<double, room_after_level> room{};
-      state.read(std::span<double>(room));
-      work_ = room[0];
-      steps_ = room[1];
-    } else {
-      state.read(last_h_);
-      at_start_ = state.read() != 0.0;
-      if (map_.step().is_driven()) {
-        work_ = state.read();
-        steps_ = state.read();
-      }
+    state.read(last_h_);
+    at_start_ = state.read() != 0.0;
+    if (map_.step().is_driven()) {
+      work_ = state.read();
+      steps_ = state.read();
     }
-    level_is_current_ = previous_is_current_ = true;
+    level_is_current_ = previous_is_current_ = map_.rows().names_all();
     map_.step().begin(level_);
     start_level();
   }
@@ -319,12 +313,7 @@ private:
                              [step](double a, double b) { return a + step * (a - b); });
     }
   }
-  /// A state is a level and no more, for which records have room of some numbers beside.
   [[nodiscard]] bool is_its_level() const { return map_.step().finds_energy_of_levels(); }
-  static constexpr std::size_t room_after_level = 5;
-  [[nodiscard]] bool is_saved(const FieldSet& set) const {
-    return set.fields() > 0 && (&set != &previous_.fields || !is_its_level());
-  }
   void start_level() {
     here_.reset();
     tried_ = false;

@@ -214,6 +214,16 @@ void ActionStep::find_turns() {
   if (!turns_.empty() && turns_.front().is_momenta) {
     momenta_ = turns_.front().fields;
   }
+  for (const Turn& turn : turns_) {
+    if (!turn.is_momenta) {
+      written_.insert(written_.end(), turn.fields.begin(), turn.fields.end());
+    }
+  }
+  for (int f = 0; f < rows_.system().field_count(); ++f) {
+    if (std::ranges::find(written_, f) == written_.end()) {
+      found_.push_back(f);
+    }
+  }
 }
 
 /// 𝓔 by the momenta as fields; invalid where steps have none that is theirs.

@@ -53,6 +53,11 @@ public:
   void constrain(double h, LatticeLevel& level);
   /// Fields that follow from others by differences at a level: steps neither read nor write them.
   void write(LatticeLevel& level);
+  /// The fields that write() gives, and all others.
+  ///@{
+  [[nodiscard]] const std::vector<int>& written() const { return written_; }
+  [[nodiscard]] const std::vector<int>& found() const { return found_; }
+  ///@}
 
   /// The next steps are taken from this level. Collective where ranks share the lattice, as all steps are.
   void begin(const LatticeLevel& level);
@@ -189,7 +194,7 @@ private:
   std::optional<DrivenNodes> driven_nodes_;
   grids::FieldSet driven_;  ///< what walls hold the fields of driven_nodes_ at
   std::vector<Turn> turns_;
-  std::vector<int> momenta_;  ///< fields
+  std::vector<int> momenta_, written_, found_;  ///< fields
   Codes codes_;
   NodePass pass_;  ///< the stages, then what follows and the energies
   NodePass begin_, rest_, size_, slope_;

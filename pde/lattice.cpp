@@ -125,16 +125,25 @@ std::vector<Spread> LatticeIntegrator::residuals(std::span<double* const> cells)
 
 void LatticeIntegrator::save(StateWriter& state) const {
   Integrator::save(state);
-  grids::save_whole(state, previous().fields);
+  state.write(where_ == Previous::none ? 1.0 : 0.0);
+  if (where_ != Previous::none && scheme_->previous() == nullptr) {
+    grids::save_whole(state, previous().fields);
+  }
 }
 
 void LatticeIntegrator::restore(StateReader& state) {
   Integrator::restore(state);
-  if (previous_.fields.size() == 0) {
-    previous_.fields = level().fields;
+  if (state.read() != 0.0) {
+    where_ = Previous::none;
+  } else if (scheme_->previous() != nullptr) {
+    where_ = Previous::of_scheme;
+  } else {
+    if (previous_.fields.size() == 0) {
+      previous_.fields = level().fields;
+    }
+    grids::restore_whole(state, previous_.fields);
+    where_ = Previous::here;
   }
-  grids::restore_whole(state, previous_.fields);
-  where_ = Previous::here;
   of_step_before_ = of_last_step_ = LocalLaws::none;
 }
 

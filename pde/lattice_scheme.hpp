@@ -39,7 +39,7 @@ public:
   virtual void write_previous(grids::FieldSet& fields) const { static_cast<void>(fields); }
   ///@}
   /// The level before the one that accept() has moved to last, where the scheme keeps it; it stands until the next
-  /// accept(). A scheme keeps it always or never.
+  /// accept(). A scheme keeps it, and saves it, always or never.
   [[nodiscard]] virtual const LatticeLevel* previous() const { return nullptr; }
   /// The work that driven walls have done so far; nothing where there is none. It is not in the energies that the
   /// scheme reports.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <iterator>
+#include <optional>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -34,16 +35,11 @@ struct NodeFormula::Storage {
   std::size_t outputs;
   std::vector<Input> inputs;
   formula::BatchEvaluator evaluate;
-  grids::SpectralDerivative derivative;
+  std::optional<grids::SpectralDerivative> derivative;  ///< where one is needed
 
   Storage(std::shared_ptr<const formula::Graph> g, std::span<const formula::Expression> expressions,
           std::vector<std::string> names, const grids::Grid& on, std::vector<std::string> more)
-      : graph(std::move(g)),
-        fields(std::move(names)),
-        numbers(std::move(more)),
-        grid(on),
-        outputs(expressions.size()),
-        derivative(on) {
+      : graph(std::move(g)), fields(std::move(names)), numbers(std::move(more)), grid(on), outputs(expressions.size()) {
     std::vector<std::size_t> found;
     for (const formula::Expression expression : expressions) {
       for (const std::size_t number : formula::variables_of(expression)) {
@@ -56,6 +52,9 @@ struct NodeFormula::Storage {
     for (const std::size_t number : found) {
       const std::string& name = graph->variable_name(number);
       inputs.push_back(understand(name));
+      if (!inputs.back().derivatives.empty() && !derivative) {
+        derivative.emplace(grid);
+      }
       // The graph makes no new node for a variable that it has.
       variables.push_back(expressions.front().graph()->variable(name));
     }
@@ -118,7 +117,7 @@ struct NodeFormula::Storage {
       if (grid.axis(axis).has_walls()) {
         grids::local_derivative(grid, axis, room.data(), room.data());
       } else {
-        derivative(axis, room.data(), room.data());
+        (*derivative)(axis, room.data(), room.data());
       }
     }
     if (input.derivatives == std::vector<int>{0}) {

@@ -51,10 +51,13 @@ std::vector<formula::Expression> energy_density_terms(const MultisymplecticSyste
   return terms;
 }
 
-NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid) {
+std::vector<NodeFormula> make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid) {
   auto graph = std::make_shared<formula::Graph>();
-  std::vector<formula::Expression> terms = energy_density_terms(system, grid, *graph);
-  return NodeFormula(graph, std::move(terms), system.fields(), grid);
+  std::vector<NodeFormula> formulas;
+  for (const formula::Expression& term : energy_density_terms(system, grid, *graph)) {
+    formulas.emplace_back(graph, std::vector{term}, system.fields(), grid);
+  }
+  return formulas;
 }
 
 }  // namespace rubato

@@ -16,6 +16,6 @@ namespace rubato {
                                                                     const grids::Grid& grid, formula::Graph& graph);
 /// The terms of the energy density S(z) + Σ z_{x_a}ᵀ K₊ z of a lattice (FieldStructure::K_plus). Fields that exist in
 /// the middle of steps only count as 0: multipliers drop out of the density.
-[[nodiscard]] NodeFormula make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid);
+[[nodiscard]] std::vector<NodeFormula> make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid);
 
 }  // namespace rubato

@@ -71,9 +71,13 @@ public:
     map_.find(level_.fields, here_);
     iterations_ = 0;
   }
-  void save(StateWriter& state) const override { grids::save_whole(state, level_.fields); }
+  void save(StateWriter& state) const override {
+    grids::save_whole(state, level_.fields);
+    grids::save_whole(state, previous_.fields);
+  }
   void restore(StateReader& state) override {
     grids::restore_whole(state, level_.fields);
+    grids::restore_whole(state, previous_.fields);
     map_.find(level_.fields, here_);
     iterations_ = 0;
   }
