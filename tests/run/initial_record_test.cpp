@@ -210,7 +210,8 @@ TEST_CASE("a table that does not do is refused with the place in it") {
     write_file(table, text);
     return refusal(beginning(is_lattice ? lattice : pendulum, from));
   };
-  CHECK_THAT(refusal(beginning(lattice, "from = \"no.csv\"\n")), Contains("no.csv cannot be read: No such file or directory"));
+  CHECK_THAT(refusal(beginning(lattice, "from = \"no.csv\"\n")),
+             Contains("no.csv cannot be read: No such file or directory"));
   CHECK_THAT(refused("u,v\n1,two\n"), Contains("start.csv:2:3: \"two\" is not a finite number"));
   CHECK_THAT(refused("u,v\n1,2,3\n"), Contains("start.csv:2:1: 3 values, and the first line names 2 columns"));
   CHECK_THAT(refused("u,u\n1,2\n"), Contains("start.csv:1:3: the column u is there twice"));
