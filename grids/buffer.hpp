@@ -17,7 +17,8 @@ public:
   /// Throws std::bad_alloc.
   explicit Buffer(std::size_t size);
 
-  /// Gives memory of values from `first` on back to the system, as far as it has pages of its own: they are lost.
+  /// Gives the memory of `count` values from `first` on back to the system, as far as they have pages of their own.
+  /// The values are lost.
   void forget(std::size_t first, std::size_t count);
 
   [[nodiscard]] double* data() { return data_.get(); }

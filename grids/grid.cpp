@@ -98,8 +98,7 @@ double Grid::weight(std::size_t node) const {
   const auto at = place(node);
   double weight = 1.0;
   for (std::size_t a = 0; a < axes_.size(); ++a) {
-    const bool on_wall = axes_[a].has_walls() && (at[a] == 0 || at[a] + 1 == axes_[a].cells);
-    weight *= on_wall ? 0.5 : 1.0;
+    weight *= axes_[a].is_ghost(at[a]) ? 0.0 : axes_[a].is_on_wall(at[a]) ? 0.5 : 1.0;
   }
   return weight;
 }

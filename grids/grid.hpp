@@ -37,6 +37,14 @@ struct Axis {
   [[nodiscard]] std::size_t cell_count() const {
     return ghosts > 0 ? cells - 1 - 2 * ghosts : has_walls() ? cells - 1 : cells;
   }
+  /// Of an axis with walls, with ghosts or without: the node on a wall; whether node i is beyond one, or on one.
+  ///@{
+  [[nodiscard]] std::size_t wall(bool is_right) const { return ghosts + (is_right ? cell_count() : 0); }
+  [[nodiscard]] bool is_ghost(std::size_t i) const { return i < ghosts || i + ghosts >= cells; }
+  [[nodiscard]] bool is_on_wall(std::size_t i) const {
+    return left != End::periodic && (i == wall(false) || i == wall(true));
+  }
+  ///@}
   [[nodiscard]] double length() const { return to - from; }
   [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(of == 0 ? cell_count() : of); }
   [[nodiscard]] double node(std::size_t i) const { return from + folded(number(i)) * spacing(); }
@@ -78,7 +86,7 @@ public:
   [[nodiscard]] double volume() const;
   [[nodiscard]] bool has_walls() const;
   [[nodiscard]] bool has_ghosts() const;
-  /// The part of its cell that a node has in sums: one half for each wall that it is on.
+  /// The part of its cell that a node has in sums: one half for each wall that it is on, 0 for ghosts of walls.
   [[nodiscard]] double weight(std::size_t node) const;
 
   [[nodiscard]] std::size_t index(std::size_t i, std::size_t j = 0, std::size_t k = 0) const {

@@ -230,10 +230,8 @@ public:
     std::swap(kept_, next_kept_);
     std::swap(level_.fields, trial_);
     std::swap(previous_.fields, trial_);
-    for (const int f : map_.step().written()) {
-      if (previous_is_current_) {
-        trial_.forget(f);
-      }
+    if (previous_is_current_) {
+      std::ranges::for_each(map_.step().written(), [this](int f) { trial_.forget(f); });
     }
     if (ghosts_) {
       map_.step().renew(level_, ghosts_->ranges());

@@ -18,8 +18,8 @@ void ActionStep::find_held() {
     const MirrorSigns signs(system, a, axis.name);
     for (int f = 0; f < system.field_count(); ++f) {
       PlaceNumbers loose{a, std::vector<double>(axis.cells, 1.0)};
-      loose.values[axis.ghosts] = signs.at(f, axis.left) > 0 ? 1.0 : 0.0;
-      loose.values[axis.ghosts + axis.cell_count()] = signs.at(f, axis.right) > 0 ? 1.0 : 0.0;
+      loose.values[axis.wall(false)] = signs.at(f, axis.left) > 0 ? 1.0 : 0.0;
+      loose.values[axis.wall(true)] = signs.at(f, axis.right) > 0 ? 1.0 : 0.0;
       if (signs.at(f, axis.left) < 0 || signs.at(f, axis.right) < 0) {
         Expression& product = is_loose_[static_cast<std::size_t>(f)];
         const Expression factor = rows_.variation().along_axis(loose);

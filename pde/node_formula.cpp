@@ -128,10 +128,10 @@ struct NodeFormula::Storage {
     return room.data();
   }
 
-  static constexpr std::size_t block_nodes = 4096;
+  static constexpr std::size_t block_nodes = grids::nodes_per_block;
 
-  /// Evaluates the formulas at the nodes of [first, end), a block at a time: place(begin, count) says where the values
-  /// of each go, used(begin, count) reads them.
+  /// Evaluates the formulas at the nodes of [first, end), a block at a time: place(begin) says where the values of
+  /// each go, used(begin, count) reads them.
   template <class Place, class Use>
   void in_blocks(std::span<const double* const> values, double t, const PotentialSlopes& slopes,
                  std::span<const double> constants, std::size_t first, std::size_t end, const Place& place,

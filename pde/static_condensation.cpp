@@ -6,8 +6,6 @@
 
 namespace rubato {
 
-namespace {
-
 bool in_no_K(const MultisymplecticSystem& system, int field) {
   for (int a = 0; a < system.directions(); ++a) {
     if (!system.K(a).row(field).isZero(0.0)) {
@@ -16,8 +14,6 @@ bool in_no_K(const MultisymplecticSystem& system, int field) {
   }
   return true;
 }
-
-}  // namespace
 
 std::optional<LinearRow> linear_row(const MultisymplecticSystem& system, int field) {
   const auto& varying = system.varying_hessian();

@@ -16,6 +16,8 @@ namespace rubato {
 struct LinearRow {
   double a = 0.0, b = 0.0;
 };
+/// True if the row of a field has no derivative in space.
+[[nodiscard]] bool in_no_K(const MultisymplecticSystem& system, int field);
 /// That of a field, with a ≠ 0 and a, b the same everywhere; nothing where it is another.
 [[nodiscard]] std::optional<LinearRow> linear_row(const MultisymplecticSystem& system, int field);
 

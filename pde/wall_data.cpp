@@ -144,11 +144,7 @@ private:
       if (is_driven(wall, row)) {
         continue;
       }
-      bool acts_in_space = false;
-      for (int a = 0; a < system_.directions(); ++a) {
-        acts_in_space = acts_in_space || !system_.K(a).row(row).isZero(0.0);
-      }
-      if (given_[f] && sign(wall, f) < 0 && !acts_in_space && !system_.M().row(row).isZero(0.0)) {
+      if (given_[f] && sign(wall, f) < 0 && in_no_K(system_, row) && !system_.M().row(row).isZero(0.0)) {
         if (const auto linear = linear_row(system_, row)) {
           hold(wall, f, 0.0 - linear->b / linear->a);
         }

@@ -20,10 +20,7 @@ std::optional<MomentumRow> momentum_row(const MultisymplecticSystem& system, int
       continue;
     }
     const auto linear = linear_row(system, v);
-    bool is_momentum = linear && (system.M().row(v).array() != 0.0).count() == 1;
-    for (int a = 0; a < system.directions(); ++a) {
-      is_momentum = is_momentum && system.K(a).row(v).isZero(0.0);
-    }
+    const bool is_momentum = linear && in_no_K(system, v) && (system.M().row(v).array() != 0.0).count() == 1;
     if (!is_momentum || found) {
       return std::nullopt;
     }
@@ -35,10 +32,6 @@ std::optional<MomentumRow> momentum_row(const MultisymplecticSystem& system, int
 DrivenNodes::DrivenNodes(std::shared_ptr<const WallDrives> drives, const MultisymplecticSystem& system,
                          const grids::Grid& grid)
     : drives_(std::move(drives)), grid_(grid) {
-  const auto is_on_wall = [&](int a, std::size_t at, bool is_right) {
-    const grids::Axis& axis = grid.axis(a);
-    return axis.left != grids::End::periodic && at == axis.ghosts + (is_right ? axis.cell_count() : 0);
-  };
   std::set<std::pair<int, std::size_t>> taken;  // where two walls meet by the first
   for (std::size_t number = 0; number < drives_->walls.size(); ++number) {
     const WallDrive& drive = drives_->walls[number];
@@ -57,15 +50,9 @@ DrivenNodes::DrivenNodes(std::shared_ptr<const WallDrives> drives, const Multisy
     }
     evaluate_.emplace_back(drive.code);
     for (std::size_t node = 0; node < grid.size(); ++node) {
-      const auto place = grid.place(node);
-      bool is_meant = is_on_wall(drive.axis, place.at(static_cast<std::size_t>(drive.axis)), drive.is_right);
-      double weight = 1.0;
-      for (int a = 0; a < grid.dimensions() && is_meant; ++a) {
-        const std::size_t at = place.at(static_cast<std::size_t>(a)), ghosts = grid.axis(a).ghosts;
-        is_meant = at >= ghosts && at + ghosts < grid.cells(a);
-        weight *= is_on_wall(a, at, false) || is_on_wall(a, at, true) ? 0.5 : 1.0;
-      }
-      if (is_meant && taken.emplace(drive.field, node).second) {
+      const bool is_there = grid.place(node).at(static_cast<std::size_t>(drive.axis)) == axis.wall(drive.is_right);
+      const double weight = is_there ? grid.weight(node) : 0.0;
+      if (weight > 0.0 && taken.emplace(drive.field, node).second) {
         nodes_.push_back({number, node, weight, drive.field, *row});
       }
     }

@@ -4,12 +4,7 @@ namespace rubato {
 
 WallGhosts::WallGhosts(const FieldMirrors& mirrors, const grids::Grid& grid) : mirrors_(mirrors), grid_(grid) {
   for (std::size_t node = 0; node < grid.size(); ++node) {
-    const auto place = grid.place(node);
-    bool is_meant = false;
-    for (int a = 0; a < grid.dimensions(); ++a) {
-      const std::size_t at = place.at(static_cast<std::size_t>(a)), ghosts = grid.axis(a).ghosts;
-      is_meant = is_meant || (ghosts > 0 && (at <= ghosts || at + ghosts + 1 >= grid.cells(a)));
-    }
+    const bool is_meant = grid.weight(node) < 1.0;  // on a wall, or beyond one
     if (is_meant && !ranges_.empty() && ranges_.back().second == node) {
       ++ranges_.back().second;
     } else if (is_meant) {

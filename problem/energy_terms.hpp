@@ -15,7 +15,8 @@ namespace rubato {
 [[nodiscard]] std::vector<formula::Expression> energy_density_terms(const MultisymplecticSystem& system,
                                                                     const grids::Grid& grid, formula::Graph& graph);
 /// The terms of the energy density S(z) + Σ z_{x_a}ᵀ K₊ z of a lattice (FieldStructure::K_plus). Fields that exist in
-/// the middle of steps only count as 0: multipliers drop out of the density.
+/// the middle of steps only count as 0: multipliers drop out of the density. Each is a formula of its own, since
+/// derivatives that it reads take room while it is evaluated.
 [[nodiscard]] std::vector<NodeFormula> make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid);
 
 }  // namespace rubato

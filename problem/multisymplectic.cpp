@@ -489,6 +489,14 @@ std::vector<std::string> MultisymplecticProblem::axis_names() const {
   return names;
 }
 
+double MultisymplecticProblem::nodes() const {
+  double nodes = 1.0;
+  for (const GridAxis& axis : axes) {
+    nodes *= static_cast<double>(axis.nodes());
+  }
+  return nodes;
+}
+
 bool MultisymplecticProblem::has_walls() const {
   return std::ranges::any_of(axes, &GridAxis::has_walls);
 }

@@ -227,6 +227,8 @@ struct MultisymplecticProblem {
   std::string derived, density;
 
   [[nodiscard]] std::vector<std::string> axis_names() const;
+  /// How many nodes the grid has.
+  [[nodiscard]] double nodes() const;
   /// True if a field jumps along an axis.
   [[nodiscard]] bool has_jumps() const;
   /// True if fields turn along an axis.

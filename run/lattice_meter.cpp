@@ -6,6 +6,7 @@
 #include <memory>
 #include <numbers>
 
+#include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/twists.hpp>
@@ -67,7 +68,7 @@ LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values)
     return deviation * deviation;
   });
   Spectrum spectrum{.mean = sum * sum, .power = nodes * squares, .along = {}};
-  double others = 1.0, without_alternating = 1.0;  // shares of waves that are neither along an axis so far
+  double not_last = 1.0, not_alternating = 1.0;  // shares of the waves that are so along no axis
   for (int a = 0; a < grid_.dimensions(); ++a) {
     const std::vector<double>& along = spectrum.along.emplace_back(powers_along(a, values));
     double last = 0.0;
@@ -75,35 +76,33 @@ LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values)
       last += 3 * k > grid_.cells(a) ? along[k] : 0.0;
     }
     const double alternating = grid_.cells(a) % 2 == 0 ? along.back() : 0.0;
-    others *= 1.0 - std::min(last / spectrum.power, 1.0);
-    without_alternating *= 1.0 - std::min(alternating / spectrum.power, 1.0);
+    not_last *= 1.0 - std::min(last / spectrum.power, 1.0);
+    not_alternating *= 1.0 - std::min(alternating / spectrum.power, 1.0);
   }
   if (spectrum.power > 0.0) {
-    spectrum.last = (1.0 - others) * spectrum.power;
-    spectrum.alternating = (1.0 - without_alternating) * spectrum.power;
+    spectrum.last = (1.0 - not_last) * spectrum.power;
+    spectrum.alternating = (1.0 - not_alternating) * spectrum.power;
   }
   return spectrum;
 }
 
-/// Of all lines along an axis, or of some that are as far from each other as can be, for as many as there are.
+/// The powers of the waves along an axis: of all its lines, or of some at equal distances, in place of all.
 std::vector<double> LatticeMeter::powers_along(int axis, std::span<const double> values) {
   constexpr std::size_t most_nodes = std::size_t{1} << 16;
-  const std::size_t n = grid_.cells(axis), stride = grid_.stride(axis), lines = values.size() / n;
-  const std::size_t taken = std::clamp<std::size_t>(most_nodes / n, 1, lines);
+  const std::size_t n = grid_.cells(axis);
+  const std::vector<grids::Line> lines = grids::lines_along(grid_, axis);
+  const std::size_t taken = std::clamp<std::size_t>(most_nodes / n, 1, lines.size());
   auto& waves = waves_[static_cast<std::size_t>(axis)];
   if (!waves) {
     grids::Axis line = grid_.axis(axis);
     line.left = line.right = grids::End::periodic;
     waves.emplace(grids::Grid({line}), 1);
   }
-  const auto to_all = static_cast<double>(lines) / static_cast<double>(taken) * static_cast<double>(lines);
+  const auto all = static_cast<double>(lines.size()), to_all = all / static_cast<double>(taken) * all;
   std::vector<double> line(n), powers(n / 2 + 1, 0.0);
   const double* const arrays[] = {line.data()};
   for (std::size_t number = 0; number < taken; ++number) {
-    const std::size_t place = number * lines / taken, first = place % stride + place / stride * stride * n;
-    for (std::size_t i = 0; i < n; ++i) {
-      line[i] = values[first + i * stride];
-    }
+    lines[number * lines.size() / taken].read(values.data(), line);
     waves->forward(arrays);
     for (std::size_t k = 0; k < powers.size(); ++k) {
       // Half of the modes are kept: the others are their conjugates.
@@ -277,9 +276,10 @@ void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<boo
     const std::span<const double> values = level.fields.field(f);
     double beside = 0.0;
     for (int a = 0; a < grid_.dimensions(); ++a) {
-      const std::size_t n = grid_.cells(a), stride = grid_.stride(a);
-      for (std::size_t line = 0; grid_.axis(a).mirrored == 0 && line < values.size() / n; ++line) {
-        beside = std::max(beside, std::abs(values[line % stride + line / stride * stride * n]));
+      if (grid_.axis(a).mirrored == 0) {
+        for (const grids::Line& line : grids::lines_along(grid_, a)) {
+          beside = std::max(beside, std::abs(values[line.first]));
+        }
       }
     }
     most = std::max(most, beside / grids::max_abs(values));

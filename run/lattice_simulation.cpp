@@ -356,8 +356,8 @@ private:
   NodeTable invariants_, exact_;
   std::optional<MovingFrame> frame_;
   WholeFields whole_;
-  std::vector<NodeFormula> energy_terms_;  ///< one for each: the derivatives that they read take room
-  std::optional<Mirrors> mirrors_;         ///< between walls: what is periodic
+  std::vector<NodeFormula> energy_terms_;
+  std::optional<Mirrors> mirrors_;  ///< between walls: what is periodic
   LatticeMeter meter_;
   std::vector<bool> given_;  ///< the fields with initial data of their own
   std::vector<double> invariant_values_, total_values_, energy_values_;

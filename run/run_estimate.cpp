@@ -38,13 +38,8 @@ double seconds_since(Clock::time_point begin) {
 }
 
 double nodes_of(const Problem& problem) {
-  double nodes = 1.0;
-  if (const MultisymplecticProblem* const pde = problem.multisymplectic()) {
-    for (const GridAxis& axis : pde->axes) {
-      nodes *= static_cast<double>(axis.nodes());
-    }
-  }
-  return nodes;
+  const MultisymplecticProblem* const pde = problem.multisymplectic();
+  return pde == nullptr ? 1.0 : pde->nodes();
 }
 
 /// The problem on a lattice of about so many nodes; numbers of cells stay odd or even, which some schemes need.
@@ -464,7 +459,7 @@ void require_memory_for(const Problem& problem, const RunOptions& options, doubl
   }
   // Ten times what the schemes were seen to take: below, nothing has to be estimated.
   constexpr double most_bytes_of_a_value = 8000.0;
-  const double values = nodes_of(problem) * static_cast<double>(pde->fields.size());
+  const double values = pde->nodes() * static_cast<double>(pde->fields.size());
   if (copies * values * most_bytes_of_a_value * problem.scheme.stages.value_or(1) < available_memory().bytes) {
     return;
   }

@@ -21,11 +21,7 @@ std::size_t density_of(const Problem& problem) {
   if (lattice == nullptr) {
     return orbit_density;
   }
-  double nodes = 1.0;
-  for (const GridAxis& axis : lattice->axes) {
-    nodes *= static_cast<double>(axis.nodes());
-  }
-  return nodes > large_lattice ? large_density : lattice_density;
+  return lattice->nodes() > large_lattice ? large_density : lattice_density;
 }
 
 /// Of a scheme of this order: its phase error is a tenth of the turn or so.

@@ -275,7 +275,7 @@ formula::Expression NodeFormulas::between_walls(formula::Expression term, const 
       continue;
     }
     const int twice = middle.at(static_cast<std::size_t>(a)), odd = twice & 1;
-    const std::size_t left = axis.ghosts, right = left + axis.cell_count();
+    const std::size_t left = axis.wall(false), right = axis.wall(true);
     PlaceNumbers part{a, std::vector<double>(axis.cells, 0.0)};
     std::fill(part.values.begin() + static_cast<std::ptrdiff_t>(left),
               part.values.begin() + static_cast<std::ptrdiff_t>(right), 1.0);

@@ -66,8 +66,7 @@ void NodePass::clear_ghosts(std::span<double> values, std::size_t begin) const {
     const auto [place, row, layer] = grid.place(begin + done);
     const std::size_t count = std::min(n - place, values.size() - done);
     const auto is_ghost = [&](int axis, std::size_t at) {
-      const std::size_t ghosts = axis < grid.dimensions() ? grid.axis(axis).ghosts : 0;
-      return at < ghosts || at + ghosts >= grid.cells(axis);
+      return axis < grid.dimensions() && grid.axis(axis).is_ghost(at);
     };
     const std::span<double> line = values.subspan(done, count);
     if (is_ghost(1, row) || is_ghost(2, layer)) {

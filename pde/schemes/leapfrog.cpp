@@ -63,16 +63,9 @@ SlopeField slope_field(const MultisymplecticSystem& system, int w, const std::ve
 /// \throws SchemeRefusal if the system is not of wave type
 WaveType wave_type(const MultisymplecticSystem& system) {
   const int d = system.field_count();
-  const auto acts_in_space = [&](int f) {
-    bool any = false;
-    for (int a = 0; a < system.directions(); ++a) {
-      any = any || !system.K(a).row(f).isZero(0.0);
-    }
-    return any;
-  };
   std::vector<bool> moves(static_cast<std::size_t>(d), false);
   for (int f = 0; f < d; ++f) {
-    const bool momentum = !acts_in_space(f) && linear_row(system, f).has_value();
+    const bool momentum = in_no_K(system, f) && linear_row(system, f).has_value();
     moves[static_cast<std::size_t>(f)] = !system.M().row(f).isZero(0.0) && !momentum;
   }
   WaveType waves;
