@@ -122,7 +122,7 @@ def tables(program):
                                     break
                         if path and path not in listed:
                             listed.add(path)
-                            rows.append(f"| `{path}` | {', '.join(axes)} | {description} |")
+                            rows.append(f"| `{path}` | {', '.join(axes)} | {description.replace('|', chr(92) + '|')} |")
             lines += [f"### {heading}", "", "| dataset | axes | contents |", "|---|---|---|", *sorted(rows), ""]
     return lines
 
