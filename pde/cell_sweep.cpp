@@ -221,12 +221,14 @@ struct CellSweep::Storage {
   SharedCellBlocks blocks;
   BoxGather gather;
   int d, dimensions;
+  std::size_t nodes;
   double volume;
   double inverse_spacing[3] = {};
   MatrixTerms M, constant_hessian;
   PlacedCoordinates places;
   std::vector<MatrixTerms> K, K_plus;
-  std::vector<std::array<bool, 3>> differentiated;  ///< of each field, along each direction
+  /// Of each field, along each direction: what the equation takes, and what the energy.
+  std::vector<std::array<bool, 3>> differentiated, in_energy;
   std::vector<BlockResult> results;
   std::vector<std::unique_ptr<Workspace>> workspaces;
   /// Of a piece of a block, of a line that ranks share: what is summed up, cell by cell, and what run_block() finds.
@@ -253,11 +255,13 @@ struct CellSweep::Storage {
         gather(grid),
         d(s.field_count()),
         dimensions(grid.dimensions()),
+        nodes(grid.size()),
         volume(grid.cell_volume()),
         M(terms_of(s.M())),
         constant_hessian(terms_of(s.constant_hessian())),
         places(s, grid, collocation.points == Collocation::Points::cells ? Within::centre : Within::node),
         differentiated(static_cast<std::size_t>(d)),
+        in_energy(static_cast<std::size_t>(d)),
         results(blocks.count()) {
     for (int a = 0; a < dimensions; ++a) {
       inverse_spacing[a] = 1.0 / grid.spacing(a);
@@ -266,17 +270,15 @@ struct CellSweep::Storage {
       for (const MatrixTerm& term : K.back()) {
         differentiated[static_cast<std::size_t>(term.column)][static_cast<std::size_t>(a)] = true;
       }
+      for (const MatrixTerm& term : K_plus.back()) {
+        in_energy[static_cast<std::size_t>(term.row)][static_cast<std::size_t>(a)] = true;
+      }
     }
     if (collocation.has_elements()) {
       elements = std::make_unique<ElementOperators>(grid, collocation.stages);
       places = elements->space().places(s, grid);
-      of_point.mean = grids::FieldSet(d, grid.size());
     } else if (collocation != Collocation::cells) {
       nodal = std::make_unique<NodeDerivative>(grid, collocation);
-    }
-    if (nodal != nullptr || elements != nullptr) {
-      of_point.derivative.assign(static_cast<std::size_t>(dimensions), grids::FieldSet(d, grid.size()));
-      of_rate = of_point;
     }
     if (collocation == Collocation::corners || (grids::Slab::of(grid) != nullptr && !blocks.are_of_whole())) {
       by_node = grids::FieldSet(rows_by_node, grid.size());
@@ -325,7 +327,14 @@ struct CellSweep::Storage {
     return sums;
   }
 
-  void make(std::span<const double* const> fields, Made& made) const {
+  /// \param wanted of each field, which derivatives
+  void make(std::span<const double* const> fields, const std::vector<std::array<bool, 3>>& wanted, Made& made) const {
+    if (made.derivative.empty() && !fields.empty() && (nodal != nullptr || elements != nullptr)) {
+      for (int a = 0; a < dimensions; ++a) {
+        made.derivative.emplace_back(d, nodes);
+      }
+      made.mean = grids::FieldSet(elements != nullptr ? d : 0, nodes);
+    }
     for (std::size_t f = 0; f < fields.size(); ++f) {
       if (fields[f] == nullptr) {
         continue;
@@ -333,10 +342,10 @@ struct CellSweep::Storage {
       const int field = static_cast<int>(f);
       if (elements != nullptr) {
         (*elements)(fields[f], made.mean.field(field).data(),
-                    differentiated[f][0] ? made.derivative[0].field(field).data() : nullptr);
+                    wanted[f][0] ? made.derivative[0].field(field).data() : nullptr);
       }
       for (std::size_t a = 0; nodal != nullptr && a < made.derivative.size(); ++a) {
-        if (differentiated[f][a]) {
+        if (wanted[f][a]) {
           (*nodal)(static_cast<int>(a), fields[f], made.derivative[a].field(field).data());
         }
       }
@@ -802,8 +811,8 @@ SweepResult CellSweep::operator()(std::span<const double* const> point, const Po
                                   std::span<const double* const> rate, double inverse_h,
                                   std::span<double* const> residual, std::span<double* const> hessian) {
   Storage& s = *storage_;
-  s.make(point, s.of_point);
-  s.make(rate, s.of_rate);
+  s.make(point, residual.empty() ? s.in_energy : s.differentiated, s.of_point);
+  s.make(rate, s.differentiated, s.of_rate);
   s.for_each_block([&](std::size_t block, Workspace& work) {
     s.run_block(block, work, point, slopes, rate, inverse_h, residual, hessian);
   });
@@ -858,7 +867,7 @@ EnergyChange CellSweep::energy_change(std::span<const double* const> rate, doubl
 std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, const PotentialSlopes& slopes) {
   Storage& s = *storage_;
   s.prepare_workspaces();
-  s.make(point, s.of_point);
+  s.make(point, s.in_energy, s.of_point);
   Workspace& work = *s.workspaces.front();
   std::vector<double> means(work.size.output_count() - 1, 0.0);
   if (s.sums_by_node()) {
@@ -895,7 +904,7 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
 formula::SumSize CellSweep::energy_size(std::span<const double* const> point, const PotentialSlopes& slopes,
                                         std::span<const double> references) {
   Storage& s = *storage_;
-  s.make(point, s.of_point);
+  s.make(point, s.in_energy, s.of_point);
   s.for_each_block([&](std::size_t block, Workspace& work) { s.energy_size(block, work, point, slopes, references); });
   std::array<double, rows_by_node> sums{};
   double pieces = static_cast<double>(s.blocks.whole_count());

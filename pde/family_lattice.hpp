@@ -2,6 +2,7 @@
 
 #include <limits>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -38,8 +39,7 @@ public:
   [[nodiscard]] int iterations() const final { return iterations_; }
   [[nodiscard]] formula::SumSize energy_size() final {
     if (size_age_ >= size_period) {
-      make_point();
-      size_of_energy_ = sweep_.energy_size(std::as_const(point_).pointers(), level_.slopes, terms_at_start_);
+      size_of_energy_ = sweep_.energy_size(point_of(level().fields), level_.slopes, terms_at_start_);
       size_of_energy_.rounding *= stage_rounding;
       size_age_ = 0;
     }
@@ -56,13 +56,13 @@ protected:
         grid_(grid),
         level_(std::move(first)),
         at_midpoints_(system.structure().at_midpoints()),
-        point_(level_.fields),
+        zeros_(1, grid.size()),
         sweep_(system, grid, collocation) {
-    make_point();
-    if (!sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).finite) {
+    const auto point = point_of(level_.fields);
+    if (!sweep_(point, level_.slopes, {}, 0.0, {}, {}).finite) {
       throw std::invalid_argument("S is not finite at the initial level");
     }
-    terms_at_start_ = sweep_.mean_terms(std::as_const(point_).pointers(), level_.slopes);
+    terms_at_start_ = sweep_.mean_terms(point, level_.slopes);
     if (collocation == Collocation::corners) {
       at_corners_.emplace(system, grid);
     }
@@ -80,8 +80,7 @@ protected:
     if (at_corners_) {
       return (*at_corners_)(fields, level_.slopes);
     }
-    copy_level(fields, at_midpoints_, point_);
-    return sweep_(std::as_const(point_).pointers(), level_.slopes, {}, 0.0, {}, {}).energy;
+    return sweep_(point_of(fields), level_.slopes, {}, 0.0, {}, {}).energy;
   }
 
   /// After a trial that succeeded.
@@ -148,10 +147,15 @@ private:
   /// A sum over stages, each with transforms of its own, rounds more than one sweep over the cells of a level.
   static constexpr double stage_rounding = 4.0;
 
-  /// The level without the fields that it does not have.
-  void make_point() const {
-    append_level();
-    copy_level(level_.fields, at_midpoints_, point_);
+  /// Without the fields that a level does not have.
+  [[nodiscard]] std::span<const double* const> point_of(const grids::FieldSet& fields) const {
+    point_.assign(fields.pointers().begin(), fields.pointers().end());
+    for (std::size_t f = 0; f < point_.size(); ++f) {
+      if (at_midpoints_[f]) {
+        point_[f] = std::as_const(zeros_).field(0).data();
+      }
+    }
+    return point_;
   }
   [[nodiscard]] double energy_here() const {
     if (!here_) {
@@ -166,7 +170,8 @@ private:
     return *there_;
   }
 
-  mutable grids::FieldSet point_;
+  grids::FieldSet zeros_;
+  mutable std::vector<const double*> point_;
   mutable CellSweep sweep_;
   mutable std::optional<CornerEnergy> at_corners_;  ///< in place of a sweep
   double trial_h_ = 0.0;

@@ -45,7 +45,7 @@ GaussStep::GaussStep(const MultisymplecticSystem& system, const grids::Grid& gri
       space_(grid, space),
       places_(space_.places(system, grid)),
       points_F_(space_, grid, 1),
-      fourier_all_(grid, d_) {
+      fourier_all_(grid, transformed_at_once(grid, d_)) {
   all_.resize(static_cast<std::size_t>(d_));
   std::iota(all_.begin(), all_.end(), 0);
   find_varying_fields();
@@ -85,21 +85,17 @@ GaussStep::GaussStep(const MultisymplecticSystem& system, const grids::Grid& gri
   const std::size_t waves = fourier_all_.modes(), nodes = grid.size();
   const int n = static_cast<int>(F_.size());
   points_F_ = PointTransform(space_, grid, std::max(1, n * m_));
-  high_ = grids::FieldSet(d_, nodes);
-  work_ = high_;
-  level_F_ = grids::FieldSet(n, nodes);
-  low_F_ = level_F_;
-  level_ = WaveRows(d_, waves);
-  base_ = level_;
-  end_ = level_;
-  scratch_ = level_;
-  end_F_ = level_F_;
+  // No copies: those write, and what is written takes memory.
+  const auto fields = [nodes](int count, auto&... sets) { ((sets = grids::FieldSet(count, nodes)), ...); };
+  const auto rows = [waves](int count, auto&... sets) { ((sets = WaveRows(count, waves)), ...); };
+  fields(d_, high_, work_);
+  fields(n, level_F_, low_F_, end_F_);
+  fields(n * m_, y_, y_last_, point_, rest_grid_);
+  rows(d_, level_, base_, end_, scratch_);
+  rows(d_ * m_, Y_);
+  rows(n * m_, base_F_, rest_, Y_F_);
   rows_F_.resize(static_cast<std::size_t>(n * m_));
   std::iota(rows_F_.begin(), rows_F_.end(), 0);
-  Y_ = WaveRows(d_ * m_, waves);
-  base_F_ = WaveRows(n * m_, waves);
-  rest_ = base_F_;
-  Y_F_ = base_F_;
   transfer_ = PackedMatrices(n * m_, n * m_, waves);
   if (static_cast<std::size_t>(d_ * m_ * (d_ + n * m_)) * waves <= most_entries_of_maps) {
     base_map_ = PackedMatrices(d_ * m_, d_, waves);
@@ -107,20 +103,13 @@ GaussStep::GaussStep(const MultisymplecticSystem& system, const grids::Grid& gri
     for (int e = 0; e < m_; ++e) {
       resolvents_.emplace_back(d_, d_, waves);
     }
-    base_Y_ = WaveRows(d_ * m_, waves);
-    right_ = base_Y_;
-    resolved_ = base_Y_;
+    rows(d_ * m_, base_Y_, right_, resolved_);
   }
   inverse_.assign(static_cast<std::size_t>(m_), WaveRows(1, waves));
   if (m_ > 1) {
-    left_ = WaveRows(d_ * m_, waves);
-    rate_ = WaveRows(m_, waves);
-    refinement_ = left_;
+    rows(d_ * m_, left_, refinement_);
+    rows(m_, rate_);
   }
-  y_ = grids::FieldSet(n * m_, nodes);
-  y_last_ = y_;
-  point_ = y_;
-  rest_grid_ = y_;
   weights_.resize(static_cast<std::size_t>(m_ * m_));
 }
 
@@ -816,9 +805,12 @@ void GaussStep::end_rows() {
   }
 }
 
-/// ẑ_{k+1} - ẑ_k in scratch_, 0 for fields at midpoints.
+/// ẑ_{k+1} - ẑ_k, 0 for fields at midpoints; in scratch_ where there are any.
 const WaveRows& GaussStep::change_of_levels() {
   end_rows();
+  if (std::ranges::find(at_midpoints_, true) == at_midpoints_.end()) {
+    return end_;
+  }
   WaveRows& change = scratch_;
   std::ranges::copy(std::as_const(end_.re).all(), change.re.all().begin());
   std::ranges::copy(std::as_const(end_.im).all(), change.im.all().begin());

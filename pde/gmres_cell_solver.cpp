@@ -423,9 +423,11 @@ private:
     const double size = std::sqrt(grids::dot(rhs_.all(), rhs_.all()));
     if (correction_.fields() == 0) {
       correction_ = grids::FieldSet(size_, grid_.size());
-      residual_ = correction_;
+      residual_ = grids::FieldSet(size_, grid_.size());
       const bool local = spectral_ == nullptr && elements_ == nullptr;
-      derivative_.assign(local ? 0 : static_cast<std::size_t>(grid_.dimensions()), correction_);
+      for (int a = 0; !local && a < grid_.dimensions(); ++a) {
+        derivative_.emplace_back(size_, grid_.size());
+      }
       values_ = elements_ != nullptr || reads_ghosts_ ? correction_ : grids::FieldSet();
     }
     double previous = 0.0;

@@ -68,8 +68,9 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
       system_(method_->seen(system)),
       scheme_(make_scheme(*method_, system_.without_constant(), grid, initial, options, cautions_)),
       laws_(make_local_laws(*method_, system_, part_of(grid, options), options.symmetries)),
+      keeps_previous_(options.keeps_previous || scheme_->previous() != nullptr),
       previous_{{}, scheme_->level().slopes} {
-  if (scheme_->previous() == nullptr) {
+  if (keeps_previous_ && scheme_->previous() == nullptr) {
     before_ = scheme_->level().fields;
     previous_.fields = before_;
   }
@@ -92,7 +93,7 @@ StepReport LatticeIntegrator::step() {
     if (reported) {
       std::swap(previous_.fields, before_);
     }
-    where_ = reported ? Previous::here : Previous::of_scheme;
+    where_ = reported ? Previous::here : keeps_previous_ ? Previous::of_scheme : Previous::not_kept;
     of_step_before_ = std::exchange(of_last_step_, LocalLaws::none);
   }
   return report;
@@ -106,6 +107,9 @@ std::optional<double> LatticeIntegrator::energy_lost() const {
 const LatticeLevel& LatticeIntegrator::previous() const {
   if (where_ == Previous::none) {
     return level();
+  }
+  if (where_ == Previous::not_kept) {
+    throw std::logic_error("the level before is not kept");
   }
   if (where_ == Previous::of_scheme) {
     if (const LatticeLevel* const kept = scheme_->previous()) {
@@ -125,8 +129,9 @@ std::vector<Spread> LatticeIntegrator::residuals(std::span<double* const> cells)
 
 void LatticeIntegrator::save(StateWriter& state) const {
   Integrator::save(state);
-  state.write(where_ == Previous::none ? 1.0 : 0.0);
-  if (where_ != Previous::none && scheme_->previous() == nullptr) {
+  const bool none = where_ == Previous::none || where_ == Previous::not_kept;
+  state.write(none ? 1.0 : 0.0);
+  if (!none && scheme_->previous() == nullptr) {
     grids::save_whole(state, previous().fields);
   }
 }

@@ -41,6 +41,7 @@ struct LatticeOptions {
   std::shared_ptr<const SecondLevel> next = nullptr;       ///< custom: a second level, where it is given
   std::shared_ptr<const Sponge> sponge = nullptr;          ///< null without one
   std::shared_ptr<const WallDrives> drives = nullptr;      ///< null where no wall drives a field
+  bool keeps_previous = true;  ///< else previous() is not asked for after a step: a copy of the level is saved
   [[nodiscard]] LatticeMethodChoice method() const {
     return {lagrangian, stages, composition, space, space_stages, density, next, drives};
   }
@@ -70,6 +71,7 @@ public:
 
   /// The present level, and the one before it (the same at the start). Of a field with
   /// `system().structure().at_midpoints(f)` a level holds the value in the middle of the step that led to it.
+  /// \throws std::logic_error if the level before is asked for and not kept (LatticeOptions::keeps_previous)
   [[nodiscard]] const LatticeLevel& level() const { return scheme_->level(); }
   [[nodiscard]] const LatticeLevel& previous() const;
   [[nodiscard]] std::span<const double> field(int f) const { return level().fields.field(f); }
@@ -102,8 +104,9 @@ private:
   std::unique_ptr<LatticeScheme> scheme_;
   LocalLaws laws_;
   /// Where the level before is: that is the present one at the start, or it stands in previous_, or the scheme has it.
-  enum class Previous { none, here, of_scheme };
+  enum class Previous { none, here, of_scheme, not_kept };
   mutable Previous where_ = Previous::none;
+  bool keeps_previous_;
   mutable LatticeLevel previous_;
   /// What laws were asked of the step before the last one, and of the last.
   LocalLaws::Question of_step_before_ = LocalLaws::none, of_last_step_ = LocalLaws::none;

@@ -111,7 +111,9 @@ std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& ch
 
 LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,
                           const std::vector<LinearSymmetry>& symmetries) {
-  return LocalLaws(method.laws(LawTables(system, grid, symmetries)));
+  LawTables tables(system, grid, symmetries);
+  std::vector<std::string> names = tables.names;
+  return {std::move(names), [&method, tables = std::move(tables)] { return method.laws(tables); }};
 }
 
 }  // namespace rubato

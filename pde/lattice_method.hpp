@@ -149,7 +149,7 @@ struct LatticeMethodEntry {
 [[nodiscard]] std::unique_ptr<LatticeMethod> make_lattice_method(const LatticeMethodChoice& choice,
                                                                  const grids::Grid& grid);
 
-/// The local laws of a method. \throws std::invalid_argument if one of `symmetries` is none
+/// The local laws of a method, which has to outlive them. \throws std::invalid_argument if one of `symmetries` is none
 [[nodiscard]] LocalLaws make_local_laws(const LatticeMethod& method, const MultisymplecticSystem& system,
                                         const grids::Grid& grid, const std::vector<LinearSymmetry>& symmetries = {});
 

@@ -61,7 +61,8 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   }
 }
 
-LocalLaws::LocalLaws(std::unique_ptr<LawEvaluator> engine) : engine_(std::move(engine)) {}
+LocalLaws::LocalLaws(std::vector<std::string> names, std::function<std::unique_ptr<LawEvaluator>()> make)
+    : names_(std::move(names)), make_(std::move(make)) {}
 LocalLaws::~LocalLaws() = default;
 LocalLaws::LocalLaws(LocalLaws&&) noexcept = default;
 LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;
@@ -69,33 +70,43 @@ LocalLaws& LocalLaws::operator=(LocalLaws&&) noexcept = default;
 void LocalLaws::share(std::shared_ptr<StageSource> stages) {
   if (stages != nullptr) {
     ++asked_;
-    engine_->share(std::move(stages));
+    if (engine_ == nullptr) {
+      stages_ = std::move(stages);
+    } else {
+      engine_->share(std::move(stages));
+    }
   }
 }
 
-const std::vector<std::string>& LocalLaws::names() const {
-  return engine_->tables().names;
+LawEvaluator& LocalLaws::engine() {
+  if (engine_ == nullptr) {
+    engine_ = std::exchange(make_, nullptr)();
+    if (stages_ != nullptr) {
+      engine_->share(std::exchange(stages_, nullptr));
+    }
+  }
+  return *engine_;
 }
 
 std::vector<Spread> LocalLaws::residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                          std::span<double* const> residuals, Question earlier) {
   const bool follows = earlier != none && earlier == asked_;
   ++asked_;
-  return follows ? engine_->next_residuals(before, after, h, residuals)
-                 : engine_->residuals(before, after, h, residuals);
+  return follows ? engine().next_residuals(before, after, h, residuals)
+                 : engine().residuals(before, after, h, residuals);
 }
 
 std::vector<double> LocalLaws::totals(const LatticeLevel& level) {
   ++asked_;
-  return engine_->totals(level);
+  return engine().totals(level);
 }
 
 std::vector<double> LocalLaws::totals_after(const LatticeLevel& after) {
-  return engine_->totals_after(after);
+  return engine().totals_after(after);
 }
 
 Spread LocalLaws::multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual) {
-  return engine_->multisymplectic_residual(u, v, h, residual);
+  return engine().multisymplectic_residual(u, v, h, residual);
 }
 
 }  // namespace rubato

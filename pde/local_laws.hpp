@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -77,8 +78,9 @@ public:
   using Question = std::uint64_t;
   static constexpr Question none = 0;
 
-  /// Those of a method: see make_local_laws() of lattice_method.hpp.
-  explicit LocalLaws(std::unique_ptr<LawEvaluator> engine);
+  /// Those of a method: see make_local_laws() of lattice_method.hpp. Their engine, and its arrays, are made when a law
+  /// is first asked for.
+  LocalLaws(std::vector<std::string> names, std::function<std::unique_ptr<LawEvaluator>()> make);
   ~LocalLaws();
   LocalLaws(LocalLaws&&) noexcept;
   LocalLaws& operator=(LocalLaws&&) noexcept;
@@ -89,7 +91,7 @@ public:
   /// "energy", "momentum" (in more dimensions "momentum_x", …; "momentum_balance" and "momentum_balance_x" where S
   /// names that coordinate: the residual of Σ_μ D_μ J_μ = ∂S/∂x at fixed z), the linear symmetries' names, then the
   /// affine symmetries with a density: "mass", or "mass_FIELD" where there are several.
-  [[nodiscard]] const std::vector<std::string>& names() const;
+  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
   [[nodiscard]] std::size_t count() const { return names().size(); }
 
   /// The residual of every law in every cell of the step from `before` to `after`, h apart, into residuals[law], one
@@ -118,7 +120,12 @@ public:
   Spread multisymplectic_residual(const TangentLevels& u, const TangentLevels& v, double h, double* residual = nullptr);
 
 private:
+  [[nodiscard]] LawEvaluator& engine();
+
+  std::vector<std::string> names_;
+  std::function<std::unique_ptr<LawEvaluator>()> make_;
   std::unique_ptr<LawEvaluator> engine_;
+  std::shared_ptr<StageSource> stages_;  ///< for an engine that is not made yet
   Question asked_ = none;
 };
 

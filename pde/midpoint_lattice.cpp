@@ -182,8 +182,7 @@ public:
         change_known_(conditions_.count() == 0 && std::ranges::find(at_midpoints_, true) == at_midpoints_.end()),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
         condensation_(condensation_of(system, conditions_)),
-        solver_(make_cell_solver(grid, collocation, static_cast<int>(condensation_.free().size()), conditions_.count(),
-                                 newton_tolerance)) {
+        collocation_(collocation) {
     for (int a = 0; a < system.directions(); ++a) {
       matrix_.difference.push_back(condensation_.restricted(system.K(a)));
     }
@@ -370,7 +369,9 @@ public:
 private:
   void start_level() {
     std::ranges::fill(level_sizes_, -1.0);
-    solver_->forget();
+    if (solver_ != nullptr) {
+      solver_->forget();
+    }
     if (waves_ != nullptr) {
       waves_->stands = waves_->solved = false;
     }
@@ -466,7 +467,21 @@ private:
     solve_start_velocity();
     iterations_ = counted;
     contraction_ = measured;
-    solver_->forget();
+    if (waves_ != nullptr) {
+      forget_newton();
+    } else {
+      solver_->forget();
+    }
+  }
+
+  /// Gives the memory of what solve() takes back: steps on waves need none of it.
+  void forget_newton() {
+    solver_.reset();
+    for (grids::FieldSet* const fields : {&residual_, &correction_, &hessian_, &point_}) {
+      for (int f = 0; f < fields->fields(); ++f) {
+        fields->forget(f);
+      }
+    }
   }
 
   void solve_start_velocity() {
@@ -501,6 +516,10 @@ private:
   [[nodiscard]] Status solve(double h, double accuracy, double distance = 1.0) {
     const double near = std::max(trial_accuracy * distance * distance * distance, finest_trial);
     const double enough = std::max(std::min(accuracy, near), 0.5 * epsilon);
+    if (solver_ == nullptr) {
+      solver_ = make_cell_solver(grid_, collocation_, static_cast<int>(condensation_.free().size()),
+                                 conditions_.count(), newton_tolerance);
+    }
     solver_->set_tolerance(std::clamp(0.1 * enough / (expected_correction * distance), 1e-9, 1e-6));
     if (conditions_.count() > 0 && h != conditions_h_) {
       conditions_ = step_conditions(system_, h);
@@ -648,7 +667,8 @@ private:
   StaticCondensation condensation_;
   std::vector<const double*> free_residual_;  ///< of the fields that are solved for
   std::vector<double*> free_correction_;
-  std::unique_ptr<CellSolver> solver_;
+  Collocation collocation_;
+  std::unique_ptr<CellSolver> solver_;  ///< from when it is needed first
 
   /// Of solve_on_waves().
   struct Waves {

@@ -10,6 +10,14 @@
 /// The numbers of this room that were tuned, or chosen, with their reasons: here, so that a reader who changes one sees
 /// the others. Those of the search for levels are in variation/tuning.hpp.
 
+/// Transforms of fields (wave_rows.cpp).
+namespace rubato::tuning::wave_rows {
+
+/// Beyond so many nodes fields are transformed one after the other, in the memory of one.
+inline constexpr std::size_t nodes_of_one_transform = 4096;
+
+}  // namespace rubato::tuning::wave_rows
+
 /// The sweep over cells (cell_sweep.cpp).
 namespace rubato::tuning::cell_sweep {
 
@@ -224,6 +232,10 @@ namespace rubato::tuning::wave_resolvent {
 
 /// A pivot this much smaller than the largest means a matrix without inverse.
 inline constexpr double singular = 1e-13;
+/// A coefficient this much smaller than what it is the sum of, on so many waves, is zero on all: between what rounding
+/// leaves of one, 1e-14, and coefficients that are small on many waves.
+inline constexpr double rounding_of_coefficients = 1e-12;
+inline constexpr std::size_t sampled_waves = 256, few_waves = 4096;
 
 }  // namespace rubato::tuning::wave_resolvent
 

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numbers>
+#include <random>
 #include <utility>
 
 #include <rubato/grids/fourier.hpp>
@@ -138,6 +140,54 @@ private:
   double smallest_ = 0.0, largest_ = 0.0;  ///< |pivot|²
 };
 
+/// A coefficient summed up from values on a circle, and the size of what it is the sum of.
+class Coefficient {
+public:
+  void add(Complex term) {
+    sum_ += term;
+    terms_ += std::abs(term.real()) + std::abs(term.imag());
+  }
+  [[nodiscard]] Complex sum() const { return sum_; }
+  /// True if rounding explains such a number.
+  [[nodiscard]] bool may_be_zero(double part) const { return !(std::abs(part) > rounding_of_coefficients * terms_); }
+
+private:
+  Complex sum_ = 0.0;
+  double terms_ = 0.0;
+};
+
+/// The coefficients of a polynomial on each wave. Many are zero whatever the wave is, and sums leave rounding of them:
+/// those that a sample of many waves shows as such are not written, and take no memory.
+class Coefficients {
+public:
+  explicit Coefficients(WaveRows& rows)
+      : rows_(rows), is_zero_(2 * static_cast<std::size_t>(rows.rows()), rows.waves() > few_waves ? 1 : 0) {}
+
+  void look_at(int k, const Coefficient& value) {
+    look_at(2 * k, value.sum().real(), value);
+    look_at(2 * k + 1, value.sum().imag(), value);
+  }
+  void write(int k, std::size_t wave, const Coefficient& value) {
+    write(2 * k, value.sum().real(), value, rows_.re.pointers()[static_cast<std::size_t>(k)][wave]);
+    write(2 * k + 1, value.sum().imag(), value, rows_.im.pointers()[static_cast<std::size_t>(k)][wave]);
+  }
+
+private:
+  void look_at(int place, double part, const Coefficient& value) {
+    if (!value.may_be_zero(part)) {
+      is_zero_[static_cast<std::size_t>(place)] = 0;
+    }
+  }
+  void write(int place, double part, const Coefficient& value, double& to) const {
+    if (is_zero_[static_cast<std::size_t>(place)] == 0 || !value.may_be_zero(part)) {
+      to = part;
+    }
+  }
+
+  WaveRows& rows_;
+  std::vector<std::uint8_t> is_zero_;  ///< real and imaginary part of each coefficient
+};
+
 }  // namespace
 
 WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> numbers,
@@ -152,7 +202,9 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   const KernelWaves kernel_waves(system.M(), conditions.kernel);
   const auto d = static_cast<Index>(fields_);
   const std::size_t entries = static_cast<std::size_t>(fields_) * static_cast<std::size_t>(fields_);
-  adjoint_.assign(entries, WaveRows(points, waves_));
+  for (std::size_t e = 0; e < entries; ++e) {  // no copies: those write, and take memory
+    adjoint_.emplace_back(points, waves_);
+  }
   determinant_ = WaveRows(points, waves_);
   std::vector<bool> failed(waves_, false);
   std::vector<Complex> roots;  // of 1
@@ -160,8 +212,15 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
     roots.push_back(std::polar(1.0, 2.0 * std::numbers::pi * j / points));
   }
 
-  grids::for_each_block(waves_, 64, [&](std::size_t begin, std::size_t end) {
+  std::vector<Coefficients> of_entries;
+  for (WaveRows& rows : adjoint_) {
+    of_entries.emplace_back(rows);
+  }
+  Coefficients of_determinant(determinant_);
+  // Calls use(coefficients, k, wave, coefficient) for the waves of [begin, end).
+  const auto find = [&](std::size_t begin, std::size_t end, const auto& use) {
     std::vector<Elimination> inverses(static_cast<std::size_t>(points));
+    std::vector<Complex> values(static_cast<std::size_t>(points));
     for (std::size_t wave = begin; wave < end; ++wave) {
       const MatrixXcd D = symbols.derivatives(wave);
       const MatrixXcd constant = D - symbols.L();
@@ -194,25 +253,36 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
       }
       // Coefficients from values on a circle; D is scaled, and A with it.
       for (int k = 0; k < points; ++k) {
+        Coefficient determinant;
         for (int j = 0; j < points; ++j) {
-          const Elimination& inverse = inverses[static_cast<std::size_t>(j)];
           const Complex weight = std::conj(roots[static_cast<std::size_t>(j * k % points)]) / double(points);
-          const Complex value = weight * (inverse.determinant() / scale);
-          const double a = value.real(), b = value.imag();
-          determinant_.re.field(k)[wave] += a;
-          determinant_.im.field(k)[wave] += b;
-          for (int r = 0; r < fields_; ++r) {
-            for (int c = 0; c < fields_; ++c) {
+          values[static_cast<std::size_t>(j)] = weight * (inverses[static_cast<std::size_t>(j)].determinant() / scale);
+          determinant.add(values[static_cast<std::size_t>(j)]);
+        }
+        use(of_determinant, k, wave, determinant);
+        for (int r = 0; r < fields_; ++r) {
+          for (int c = 0; c < fields_; ++c) {
+            Coefficient of_entry;
+            for (std::size_t j = 0; j < values.size(); ++j) {
               const Complex entry = units.columns[r] * units.rows[c] *
-                                    inverse.entry(static_cast<std::size_t>(r), static_cast<std::size_t>(c));
-              WaveRows& to = adjoint_[place(r, c)];
-              to.re.pointers()[static_cast<std::size_t>(k)][wave] += a * entry.real() - b * entry.imag();
-              to.im.pointers()[static_cast<std::size_t>(k)][wave] += a * entry.imag() + b * entry.real();
+                                    inverses[j].entry(static_cast<std::size_t>(r), static_cast<std::size_t>(c));
+              const double a = values[j].real(), b = values[j].imag();
+              of_entry.add({a * entry.real() - b * entry.imag(), a * entry.imag() + b * entry.real()});
             }
+            use(of_entries[place(r, c)], k, wave, of_entry);
           }
         }
       }
     }
+  };
+  std::mt19937_64 random(30);
+  for (std::size_t i = 0; i < sampled_waves && waves_ > few_waves; ++i) {
+    const std::size_t wave = random() % waves_;
+    find(wave, wave + 1, [](Coefficients& of, int k, std::size_t, const Coefficient& value) { of.look_at(k, value); });
+  }
+  grids::for_each_block(waves_, 64, [&](std::size_t begin, std::size_t end) {
+    find(begin, end,
+         [](Coefficients& of, int k, std::size_t wave, const Coefficient& value) { of.write(k, wave, value); });
   });
   if (std::ranges::find(failed, true) != failed.end()) {
     status_ = Status::undefined;

@@ -6,38 +6,51 @@
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/transposition.hpp>
 #include <rubato/grids/whole.hpp>
+#include <rubato/pde/tuning.hpp>
 
 namespace rubato {
 
+int transformed_at_once(const grids::Grid& grid, int fields) {
+  return grid.size() > tuning::wave_rows::nodes_of_one_transform ? 1 : fields;
+}
+
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
-  fourier.forward(fields);
   const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
-  grids::for_each_block(
-      fields.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),
-      [&](std::size_t begin, std::size_t end) {
-        for (std::size_t unit = begin; unit < end; ++unit) {
-          const auto f = static_cast<int>(length == rows.waves() ? unit : unit / (rows.waves() / length));
-          const std::size_t first = length == rows.waves() ? 0 : unit % (rows.waves() / length) * length;
-          separate(reinterpret_cast<const double*>(&fourier.at(f, first)), length, rows.re.field(f).data() + first,
-                   rows.im.field(f).data() + first);
-        }
-      });
+  const std::size_t lines = rows.waves() / length, most = static_cast<std::size_t>(fourier.fields());
+  for (std::size_t done = 0; done < fields.size(); done += most) {
+    const auto some = fields.subspan(done, std::min(most, fields.size() - done));
+    fourier.forward(some);
+    grids::for_each_block(some.size() * lines, std::max<std::size_t>(1, grids::nodes_per_block / length),
+                          [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t unit = begin; unit < end; ++unit) {
+                              const std::size_t f = lines == 1 ? unit : unit / lines,
+                                                first = lines == 1 ? 0 : unit % lines * length;
+                              const auto row = static_cast<int>(done + f);
+                              separate(reinterpret_cast<const double*>(&fourier.at(static_cast<int>(f), first)), length,
+                                       rows.re.field(row).data() + first, rows.im.field(row).data() + first);
+                            }
+                          });
+  }
 }
 
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields) {
   const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
-  grids::for_each_block(
-      which.size() * (rows.waves() / length), std::max<std::size_t>(1, grids::nodes_per_block / length),
-      [&](std::size_t begin, std::size_t end) {
-        for (std::size_t unit = begin; unit < end; ++unit) {
-          const std::size_t f = length == rows.waves() ? unit : unit / (rows.waves() / length);
-          const std::size_t first = length == rows.waves() ? 0 : unit % (rows.waves() / length) * length;
-          interleave(rows.re.field(which[f]).data() + first, rows.im.field(which[f]).data() + first, length,
-                     reinterpret_cast<double*>(&fourier.at(static_cast<int>(f), first)));
-        }
-      });
-  fourier.inverse(fields);
+  const std::size_t lines = rows.waves() / length, most = static_cast<std::size_t>(fourier.fields());
+  for (std::size_t done = 0; done < which.size(); done += most) {
+    const std::size_t count = std::min(most, which.size() - done);
+    grids::for_each_block(count * lines, std::max<std::size_t>(1, grids::nodes_per_block / length),
+                          [&](std::size_t begin, std::size_t end) {
+                            for (std::size_t unit = begin; unit < end; ++unit) {
+                              const std::size_t f = lines == 1 ? unit : unit / lines,
+                                                first = lines == 1 ? 0 : unit % lines * length;
+                              const int row = which[done + f];
+                              interleave(rows.re.field(row).data() + first, rows.im.field(row).data() + first, length,
+                                         reinterpret_cast<double*>(&fourier.at(static_cast<int>(f), first)));
+                            }
+                          });
+    fourier.inverse(fields.subspan(done, count));
+  }
 }
 
 void save_waves(StateWriter& state, const grids::Fourier& fourier, const grids::FieldSet& rows) {

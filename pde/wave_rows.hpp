@@ -46,9 +46,12 @@ void for_each_wave_block(std::size_t waves, F&& f) {
   });
 }
 
-/// Transforms grid functions into the first rows.
+/// How many of `fields` grid functions are transformed at once: of few nodes, where a transform costs as much to begin
+/// as to take, all.
+[[nodiscard]] int transformed_at_once(const grids::Grid& grid, int fields);
+/// Transforms grid functions into the first rows, as many at once as `fourier` takes.
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows);
-/// Transforms rows number `which` into grid functions.
+/// Transforms rows number `which` into grid functions, as many at once.
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,
              std::span<double* const> fields);
 

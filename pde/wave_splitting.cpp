@@ -77,12 +77,18 @@ std::size_t different_drifts(const Composition& composition) {
   return static_cast<std::size_t>(std::ranges::unique(lengths).begin() - lengths.begin());
 }
 
+/// Into rows of zeros: those that stay zero take no memory.
 void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
+  const auto set = [wave](double value, double* row) {
+    if (value != 0.0) {
+      row[wave] = value;
+    }
+  };
   for (Index r = 0; r < values.rows(); ++r) {
     for (Index c = 0; c < values.cols(); ++c) {
       const auto row = static_cast<std::size_t>(r * values.cols() + c);
-      rows.re.pointers()[row][wave] = values(r, c).real();
-      rows.im.pointers()[row][wave] = values(r, c).imag();
+      set(values(r, c).real(), rows.re.pointers()[row]);
+      set(values(r, c).imag(), rows.im.pointers()[row]);
     }
   }
 }
@@ -117,7 +123,7 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
       collocation_(collocation),
       whole_size_(grids::whole_of(grid).size()),
       cell_volume_(grid.cell_volume()),
-      fourier_(grid, system.field_count()),
+      fourier_(grid, transformed_at_once(grid, system.field_count())),
       has_mean_(fourier_.modes() > 0 && fourier_.wave(0) == std::array<std::ptrdiff_t, 3>{}),
       places_(system, grid, Within::node) {
   split_fields();
@@ -132,22 +138,18 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   find_frequencies();
   find_pairs();
   const std::size_t waves = fourier_.modes(), nodes = grid.size();
-  x_ = WaveRows(size(), waves);
-  before_ = x_;
-  moved_ = x_;
-  next_ = x_;
-  work_ = WaveRows(system.field_count(), waves);
+  for (WaveRows* const rows : {&x_, &before_, &moved_, &next_, &work_}) {  // no copies: those write, and take memory
+    *rows = WaveRows(size(), waves);
+  }
   const int n = static_cast<int>(varying_.size());
   rest_rows_ = WaveRows(n, waves);
-  first_kick_ = rest_rows_;
+  first_kick_ = WaveRows(n, waves);
   values_ = grids::FieldSet(n + 1, nodes);
   inputs_ = places_.after(std::as_const(values_).pointers().first(varying_.size()));
   inputs_.push_back(std::as_const(values_).field(n).data());
   outputs_ = grids::FieldSet(n + 1, nodes);
   turned_ = grids::FieldSet(n + 1, nodes);
   moved_begins_with_varying_ = std::ranges::equal(varying_, std::views::iota(0, n));
-  all_.resize(static_cast<std::size_t>(system.field_count()));
-  std::iota(all_.begin(), all_.end(), 0);
   propagators_.resize(waves > many_waves ? propagators_of_many_waves : most_propagators);
 }
 
@@ -249,7 +251,7 @@ void WaveSplitting::reduce() {
   const Index r = size(), o = static_cast<Index>(others_.size());
   const std::size_t waves = fourier_.modes();
   energy_form_ = WaveRows(static_cast<int>(r * r), waves);
-  generator_form_ = energy_form_;
+  generator_form_ = WaveRows(static_cast<int>(r * r), waves);
   slaves_ = WaveRows(static_cast<int>(o * r), waves);
   const auto part = [](const MatrixXcd& B, const std::vector<int>& rows, const std::vector<int>& columns) {
     MatrixXcd result(static_cast<Index>(rows.size()), static_cast<Index>(columns.size()));
@@ -349,14 +351,17 @@ void WaveSplitting::find_real_forms() {
       real_forms_.emplace_back(row, column);
     }
   }
-  real_form_weights_ = WaveRows(static_cast<int>(real_forms_.size()), fourier_.modes());
+  real_form_weights_ = grids::FieldSet(static_cast<int>(real_forms_.size()) + 1, fourier_.modes());
   for (std::size_t f = 0; f < real_forms_.size(); ++f) {
     const auto [row, column] = real_forms_[f];
-    const auto weights = real_form_weights_.re.field(static_cast<int>(f));
+    const auto weights = real_form_weights_.field(static_cast<int>(f));
     const auto G = std::as_const(energy_form_.re).field(row * size() + column);
     for (std::size_t w = 0; w < weights.size(); ++w) {
       weights[w] = (row == column ? 0.5 : 1.0) * parseval_[w] * G[w];
     }
+  }
+  if (!real_forms_.empty()) {
+    energy_form_ = WaveRows();
   }
 }
 
@@ -672,15 +677,12 @@ void WaveSplitting::find_pairs() {
       pair->rate = rate;
     }
   }
-  pair_weights_ = grids::FieldSet(2 * static_cast<int>(pairs_.size()), fourier_.modes());
-  for (std::size_t f = 0; f < real_forms_.size(); ++f) {
-    const int place = real_forms_[f].first;
-    for (std::size_t i = 0; i < pairs_.size(); ++i) {
-      if (pairs_[i].x == place || pairs_[i].y == place) {
-        std::ranges::copy(std::as_const(real_form_weights_.re).field(static_cast<int>(f)),
-                          pair_weights_.field(2 * static_cast<int>(i) + (pairs_[i].y == place ? 1 : 0)).begin());
-      }
-    }
+  const auto weight_of = [this](int place) {  // the last row is zero
+    return static_cast<int>(std::ranges::find(real_forms_, std::pair(place, place)) - real_forms_.begin());
+  };
+  for (Pair& pair : pairs_) {
+    pair.weight_of_x = weight_of(pair.x);
+    pair.weight_of_y = weight_of(pair.y);
   }
 }
 
@@ -796,7 +798,7 @@ double WaveSplitting::wave_energy(const WaveRows& rows) const {
       const std::size_t count = std::min(wave_block, end - first);
       for (std::size_t f = 0; f < real_forms_.size(); ++f) {
         const auto [row, column] = real_forms_[f];
-        into.add(sum_form(real_form_weights_.re.field(static_cast<int>(f)).data() + first,
+        into.add(sum_form(real_form_weights_.field(static_cast<int>(f)).data() + first,
                           rows.re.field(row).data() + first, rows.im.field(row).data() + first,
                           rows.re.field(column).data() + first, rows.im.field(column).data() + first, count));
       }
@@ -878,9 +880,8 @@ double WaveSplitting::turn_pairs(const Propagator& E, bool with_energy) {
                     .im = kicking_rows_->im.field(pair.kicked_by).data() + w};
         }
         if (with_energy) {
-          const int row = 2 * static_cast<int>(i);
-          before.of_x = std::as_const(pair_weights_).field(row).data() + w;
-          before.of_y = std::as_const(pair_weights_).field(row + 1).data() + w;
+          before.of_x = std::as_const(real_form_weights_).field(pair.weight_of_x).data() + w;
+          before.of_y = std::as_const(real_form_weights_).field(pair.weight_of_y).data() + w;
         }
         into.add(turn_pair({first.a + w, first.b + w, first.c + w, first.d + w},
                            {rest.a + w, rest.b + w, rest.c + w, rest.d + w}, before, std::min(wave_block, end - w),
@@ -1072,14 +1073,27 @@ double WaveSplitting::energy_here() {
 }
 
 void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) {
+  const auto transform = [this, &fields](const WaveRows& from, const std::vector<int>& which,
+                                         const std::vector<int>& to) {
+    std::array<double*, MultisymplecticSystem::most_fields> arrays{};
+    std::ranges::transform(to, arrays.begin(), [&fields](int f) { return fields.field(f).data(); });
+    to_grid(from, which, fourier_, std::span(arrays).first(to.size()));
+  };
+  std::vector<int> unseen, which;  // a kick has seen the varying fields at the nodes
   for (int p = 0; p < size(); ++p) {
     const int f = evolving_[static_cast<std::size_t>(p)];
-    std::ranges::copy(rows.re.field(p), work_.re.field(f).begin());
-    std::ranges::copy(rows.im.field(p), work_.im.field(f).begin());
+    const auto seen = std::ranges::find(varying_, p);
+    if (at != At::nowhere && rest_at_ == at && seen != varying_.end()) {
+      std::ranges::copy(std::as_const(values_).field(static_cast<int>(seen - varying_.begin())),
+                        fields.field(f).begin());
+    } else {
+      unseen.push_back(p);
+      which.push_back(f);
+    }
   }
+  transform(rows, unseen, which);
   for (std::size_t o = 0; o < others_.size(); ++o) {
-    double* re = work_.re.field(others_[o]).data();
-    double* im = work_.im.field(others_[o]).data();
+    double *const re = work_.re.field(0).data(), *const im = work_.im.field(0).data();
     std::fill_n(re, rows.waves(), 0.0);
     std::fill_n(im, rows.waves(), 0.0);
     for (int p = 0; p < size(); ++p) {
@@ -1087,27 +1101,8 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
       add_product(std::as_const(slaves_.re).field(entry).data(), std::as_const(slaves_.im).field(entry).data(),
                   rows.re.field(p).data(), rows.im.field(p).data(), rows.waves(), re, im);
     }
+    transform(work_, {0}, {others_[o]});
   }
-  if (at == At::nowhere || rest_at_ != at) {
-    to_grid(work_, all_, fourier_, fields.pointers());
-    grids::refresh_ghosts(fields);
-    return;
-  }
-  // A kick has seen the varying fields at the nodes.
-  std::array<int, MultisymplecticSystem::most_fields> which{};
-  std::array<double*, MultisymplecticSystem::most_fields> to{};
-  std::size_t count = 0;
-  for (const int f : all_) {
-    const auto seen = std::ranges::find(varying_, f, [&](int p) { return evolving_[static_cast<std::size_t>(p)]; });
-    if (seen != varying_.end()) {
-      std::ranges::copy(std::as_const(values_).field(static_cast<int>(seen - varying_.begin())),
-                        fields.field(f).begin());
-    } else {
-      which[count] = f;
-      to[count++] = fields.field(f).data();
-    }
-  }
-  to_grid(work_, std::span(which).first(count), fourier_, std::span(to).first(count));
   grids::refresh_ghosts(fields);
 }
 

@@ -98,8 +98,9 @@ private:
   /// A real pair of rows: y, if one of them, is what a varying field kicks.
   struct Pair {
     int x, y;
-    int kicked_by = -1;  ///< number of the varying field; none
-    double rate = 0.0;   ///< by which
+    int kicked_by = -1;                    ///< number of the varying field; none
+    double rate = 0.0;                     ///< by which
+    int weight_of_x = 0, weight_of_y = 0;  ///< rows of real_form_weights_
   };
   /// A kick that no turn takes along: field p by varying field v.
   struct Kick {
@@ -151,11 +152,11 @@ private:
   std::size_t whole_size_;  ///< nodes of the whole lattice
   double cell_volume_;
   grids::Fourier fourier_;
-  bool has_mean_;                             ///< the first wave here is the one that is constant in space
-  std::vector<int> evolving_, others_;        ///< fields with an equation of motion, and without
-  Eigen::MatrixXd inverse_M_;                 ///< M⁻¹ of the evolving fields
-  Eigen::MatrixXd L_;                         ///< the mean of S''(0)
-  WaveRows energy_form_;                      ///< G of X_1 = ½ x̂ᴴ G x̂: row·r + column among evolving fields
+  bool has_mean_;                       ///< the first wave here is the one that is constant in space
+  std::vector<int> evolving_, others_;  ///< fields with an equation of motion, and without
+  Eigen::MatrixXd inverse_M_;           ///< M⁻¹ of the evolving fields
+  Eigen::MatrixXd L_;                   ///< the mean of S''(0)
+  WaveRows energy_form_;  ///< G of X_1 = ½ x̂ᴴ G x̂: row·r + column among evolving fields; none where real_forms_ are
   WaveRows generator_form_;                   ///< A = M⁻¹G of x_t = Ax
   WaveRows slaves_;                           ///< C of ŷ = C x̂, row·r + column
   std::vector<std::vector<int>> groups_;      ///< places of evolving fields that A couples
@@ -163,15 +164,14 @@ private:
   bool real_pairs_ = false;                   ///< A is real, and its groups have two fields at most
   /// X_1 as Σ weighted Re(conj x̂_row x̂_column), where G is real on every wave; empty where it is not.
   std::vector<std::pair<int, int>> real_forms_;
-  WaveRows real_form_weights_;    ///< by the same, in re
-  grids::FieldSet frequencies_;   ///< ω of each group and wave, where the pairs turn and are few; none elsewhere
-  grids::FieldSet of_sines_;      ///< of each such group what multiplies sin(ωτ) in its matrix: b, then c
-  formula::BatchEvaluator turn_;  ///< cosine and sine of an angle
-  std::size_t at_once_ = 1;       ///< of how many τ
-  grids::FieldSet angles_;        ///< of the waves, their cosines and sines
+  grids::FieldSet real_form_weights_;  ///< by the same, and a row of zeros
+  grids::FieldSet frequencies_;        ///< ω of each group and wave, where the pairs turn and are few; none elsewhere
+  grids::FieldSet of_sines_;           ///< of each such group what multiplies sin(ωτ) in its matrix: b, then c
+  formula::BatchEvaluator turn_;       ///< cosine and sine of an angle
+  std::size_t at_once_ = 1;            ///< of how many τ
+  grids::FieldSet angles_;             ///< of the waves, their cosines and sines
   /// Where all groups are real pairs, and X_1 = ½ Σ (G_xx |x|² + G_yy |y|²): kick, energy and turn are one pass.
   std::vector<Pair> pairs_;
-  grids::FieldSet pair_weights_;  ///< of |x|² and |y|² in X_1, of each
   std::vector<Kick> loose_kicks_;
   const WaveRows* kicking_rows_ = nullptr;  ///< of a kick that the next turn takes along, and its τ; null: none
   double kicking_tau_ = 0.0;
@@ -198,7 +198,6 @@ private:
   std::vector<const double*> inputs_;  ///< the varying fields, the coordinates, τ
   grids::FieldSet outputs_;            ///< N and ∇N
   grids::FieldSet turned_;             ///< N and that
-  std::vector<int> all_;
   double rest_energy_ = 0.0;           ///< Σ ΔV N as last evaluated
   double constant_rest_ = 0.0;         ///< the same where N depends on no field
   At rest_at_ = At::nowhere;           ///< what values_ and outputs_ are of

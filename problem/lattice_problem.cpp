@@ -430,11 +430,19 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
 
 namespace {
 
+/// Whether a run looks at the level before: for laws, what happens between levels, errors, and rows of states.
+bool reads_previous(const Problem& problem) {
+  const Output& output = problem.output;
+  return !problem.laws.none() || !problem.multisymplectic()->exact.empty() || !problem.events.empty() || output.any() ||
+         (output.states_every() > 1 && !problem.stores_evolving_alone());
+}
+
 /// Calls make(grid, initial, options) with what a lattice begins with, of all of it or of the part of a slab.
 template <typename Make>
 auto with_initial_fields(const Problem& problem, const MultisymplecticSystem& system, const Make& make) {
   LatticeOptions options = make_lattice_options(problem, system);
   options.begun_until = problem.scheme.begun_until;
+  options.keeps_previous = reads_previous(problem);
   options.slab = grids::Slab::present();
   const grids::Grid grid = make_grid(problem);
   options.initial_is_part = options.slab != nullptr && begins_in_parts(problem, system);

@@ -225,6 +225,7 @@ public:
     }
   }
 
+  [[nodiscard]] double clock() const override { return t(); }  // the level before may have to be computed
   [[nodiscard]] OutputStep last() const override {
     return {.z_0 = lattice_.previous().fields.all(),
             .z_1 = lattice_.level().fields.all(),

@@ -58,7 +58,7 @@ public:
   [[nodiscard]] bool finished() const { return integrator().finished(); }
   [[nodiscard]] double t() const { return integrator().t(); }
   /// The time of the present level that users read: with time_scale the physical one.
-  [[nodiscard]] double clock() const { return last().end(); }
+  [[nodiscard]] virtual double clock() const { return last().end(); }
   [[nodiscard]] NodeEnergy node() { return integrator().reported_node(); }  ///< H(z_k) and Γ(z_k), where it stands
   [[nodiscard]] bool autonomous() const { return integrator().autonomous(); }
   /// True if node() knows Γ: not for an arbitrary 𝕃, nor where no levels are chosen by it.

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -198,7 +199,9 @@ public:
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     const auto determine = [&](LatticeLevel& level) { determine_by_waves(system, grid, level); };
-    if (grids::Slab::of(grid) != nullptr) {
+    std::vector<bool> is_given;
+    std::ranges::transform(given, std::back_inserter(is_given), [](const auto& field) { return field.has_value(); });
+    if (grids::Slab::of(grid) != nullptr || begins_in_parts(system, is_given)) {
       return prepare_determined_level(system, grid, given, determine);
     }
     InitialLevel first = prepare_initial_level(system, grid, given, Collocation::nodes);
@@ -229,9 +232,7 @@ private:
     WaveSplitting splitting(system, grid, collocation_);
     grids::FieldSet all(system.field_count(), grid.size());
     splitting.stand(level);
-    if (splitting.step(composition_, 0.0)) {
-      splitting.fields(all);
-    }
+    splitting.fields_here(all);
     for (int f = 0; f < system.field_count(); ++f) {
       if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
         std::ranges::copy(std::as_const(all).field(f), level.fields.field(f).begin());

@@ -107,7 +107,8 @@ TEST_CASE("the box's form is not that of euler-box") {
   const auto system = sine_gordon();
   const grids::Grid line({{"x", -6, 6, 120}});
   LatticeIntegrator lattice(system, line, bumps(system, line), euler_box(0.05, 1));
-  LocalLaws box_laws = make_local_laws(*make_lattice_method({"box"}), system, line);
+  const auto box = make_lattice_method({"box"});
+  LocalLaws box_laws = make_local_laws(*box, system, line);
   const auto tangents = make_euler_box_tangents(system, line);
   TangentStep& step = *tangents;
   grids::FieldSet u = random_tangent(system, line, 1);
@@ -118,7 +119,8 @@ TEST_CASE("the box's form is not that of euler-box") {
   REQUIRE(step(lattice.previous(), lattice.level(), 0.05, u, u_next) == Status::success);
   REQUIRE(step(lattice.previous(), lattice.level(), 0.05, v, v_next) == Status::success);
   CHECK(box_laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05).largest() > 1e-3);
-  LocalLaws laws = make_local_laws(*make_lattice_method({"euler-box"}), system, line);
+  const auto corners = make_lattice_method({"euler-box"});
+  LocalLaws laws = make_local_laws(*corners, system, line);
   CHECK_THROWS_WITH(laws.multisymplectic_residual({u, u_next}, {v, v_next}, 0.05),
                     Catch::Matchers::Contains("three levels"));
   CHECK(make_lattice_method({"fourier"})->tangents(system, line) == nullptr);

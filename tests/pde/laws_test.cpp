@@ -69,7 +69,8 @@ InitialFields gaussians(const MultisymplecticSystem& system, const grids::Grid& 
 /// The largest energy and momentum residuals over 30 random levels, relative to the largest densities per step.
 std::array<double, 2> worst_with_random_levels(const MultisymplecticSystem& system, const grids::Grid& grid) {
   FreeRun run(system, grid, gaussians(system, grid), 0.1);
-  LocalLaws laws = make_local_laws(*make_lattice_method({"box"}), system, grid);
+  const auto method = make_lattice_method({"box"});
+  LocalLaws laws = make_local_laws(*method, system, grid);
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> spread(-0.8, 0.8);
   std::array<double, 2> worst{};
@@ -154,7 +155,8 @@ TEST_CASE("the multisymplectic form of two tangent solutions is conserved in eve
   const auto worst = [](const MultisymplecticSystem& system, const MultisymplecticSystem& form,
                         const grids::Grid& grid) {
     FreeRun run(system, grid, gaussians(system, grid), 0.05);
-    LocalLaws laws = make_local_laws(*make_lattice_method({"box"}), form, grid);
+    const auto method = make_lattice_method({"box"});
+    LocalLaws laws = make_local_laws(*method, form, grid);
     TangentPair tangents(laws, make_box_tangents(system, grid), system, grid, 1);
     double largest = 0.0;
     for (int k = 0; k < 8; ++k) {

@@ -132,7 +132,8 @@ TEST_CASE("local laws of a step hold between the layers, and in them") {
   while (!lattice.finished()) {
     REQUIRE(lattice.step().status == Status::success);
   }
-  LocalLaws bare = make_local_laws(*make_bare_method(problem), lattice.system(), lattice.grid());
+  const auto method = make_bare_method(problem);
+  LocalLaws bare = make_local_laws(*method, lattice.system(), lattice.grid());
   CHECK(bare.residuals(lattice.previous(), lattice.level(), lattice.levels().last_step()).front().largest() > 1e-2);
 }
 
