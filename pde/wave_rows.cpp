@@ -4,11 +4,18 @@
 
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/grids/transposition.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/tuning.hpp>
 
 namespace rubato {
+
+double largest_of_rows(std::span<const double> values) {
+  const grids::Slab::Shared alone(nullptr);
+  return grids::max_abs(values);
+}
 
 int transformed_at_once(const grids::Grid& grid, int fields) {
   return grid.size() > tuning::wave_rows::nodes_of_one_transform ? 1 : fields;

@@ -1,15 +1,18 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <complex>
 #include <cstddef>
 #include <span>
 #include <vector>
 
+#include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/state.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/parallel.hpp>
+#include <rubato/grids/reductions.hpp>
 #include <rubato/pde/wave_loops.hpp>
 
 namespace rubato {
@@ -45,6 +48,31 @@ void for_each_wave_block(std::size_t waves, F&& f) {
     }
   });
 }
+
+/// Sums that are the same for every number of threads: of what add(begin, end, sum) adds for pieces of `count` numbers.
+template <typename Add>
+CompensatedSum sum_of_pieces(std::size_t count, const Add& add) {
+  const grids::ReductionBlocks pieces(count);
+  if (pieces.blocks <= 1) {
+    CompensatedSum sum;
+    add(0, count, sum);
+    return CompensatedSum(sum.value());
+  }
+  std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
+  grids::for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
+    CompensatedSum sum;
+    add(begin, end, sum);
+    partial[begin / pieces.block] = sum.value();
+  });
+  CompensatedSum sum;
+  for (std::size_t b = 0; b < pieces.blocks; ++b) {
+    sum.add(partial[b]);
+  }
+  return sum;
+}
+
+/// max |values| of rows of waves, which are no grid's: a slab has no say in it.
+[[nodiscard]] double largest_of_rows(std::span<const double> values);
 
 /// How many of `fields` grid functions are transformed at once: of few nodes, where a transform costs as much to begin
 /// as to take, all.

@@ -2,13 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
-#include <complex>
-#include <cstdint>
 #include <limits>
-#include <numbers>
-#include <numeric>
 #include <random>
 #include <ranges>
 
@@ -16,130 +11,34 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/larger.hpp>
-#include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/transposition.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/potential_rest.hpp>
 #include <rubato/pde/shared_slopes.hpp>
-#include <rubato/pde/tuning.hpp>
-#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
-using namespace tuning::wave_splitting;
-
-using Complex = std::complex<double>;
-using Eigen::Index;
-using Eigen::MatrixXcd;
-using Eigen::MatrixXd;
 using formula::Expression;
-
-constexpr const char* remedy = "; take lagrangian = \"fourier\" with stages";
-
-/// sinh(√δ τ)/√δ and cosh(√δ τ).
-struct Waves {
-  Complex sine, cosine;
-};
-Waves waves_of(Complex delta, double tau) {
-  if (std::abs(delta.imag()) <= 1e-14 * std::abs(delta.real()) && delta.real() < 0.0) {
-    const double omega = std::sqrt(-delta.real());
-    return {std::sin(omega * tau) / omega, std::cos(omega * tau)};
-  }
-  const Complex root = std::sqrt(delta);
-  const Complex x = root * tau;
-  const Complex sine = std::abs(x) < 1e-4 ? tau * (1.0 + x * x / 6.0) : std::sinh(x) / root;
-  return {sine, std::cosh(x)};
-}
-
-/// Of arrays that are no grid's: a slab has no say in it.
-double largest_here(std::span<const double> values) {
-  const grids::Slab::Shared alone(nullptr);
-  return grids::max_abs(values);
-}
-
-bool are_same_bits(double a, double b) {
-  return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b);
-}
-
-/// How many lengths a composition's drifts have.
-std::size_t different_drifts(const Composition& composition) {
-  std::vector<double> lengths;
-  for (const Composition::Part& part : composition.parts) {
-    if (part.drift) {
-      lengths.push_back(part.length);
-    }
-  }
-  std::ranges::sort(lengths);
-  return static_cast<std::size_t>(std::ranges::unique(lengths).begin() - lengths.begin());
-}
-
-/// Into rows of zeros: those that stay zero take no memory.
-void set_wave(const MatrixXcd& values, std::size_t wave, WaveRows& rows) {
-  const auto set = [wave](double value, double* row) {
-    if (value != 0.0) {
-      row[wave] = value;
-    }
-  };
-  for (Index r = 0; r < values.rows(); ++r) {
-    for (Index c = 0; c < values.cols(); ++c) {
-      const auto row = static_cast<std::size_t>(r * values.cols() + c);
-      set(values(r, c).real(), rows.re.pointers()[row]);
-      set(values(r, c).imag(), rows.im.pointers()[row]);
-    }
-  }
-}
-
-/// Sums that are the same for every number of threads: of what add(begin, end, sum) adds for pieces of `count` numbers.
-template <typename Add>
-CompensatedSum sum_of_pieces(std::size_t count, const Add& add) {
-  const grids::ReductionBlocks pieces(count);
-  if (pieces.blocks <= 1) {
-    CompensatedSum sum;
-    add(0, count, sum);
-    return CompensatedSum(sum.value());
-  }
-  std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
-  grids::for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
-    CompensatedSum sum;
-    add(begin, end, sum);
-    partial[begin / pieces.block] = sum.value();
-  });
-  CompensatedSum sum;
-  for (std::size_t b = 0; b < pieces.blocks; ++b) {
-    sum.add(partial[b]);
-  }
-  return sum;
-}
 
 }  // namespace
 
 WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
     : system_(system),
       grid_(grid),
-      collocation_(collocation),
-      whole_size_(grids::whole_of(grid).size()),
-      cell_volume_(grid.cell_volume()),
       fourier_(grid, transformed_at_once(grid, system.field_count())),
-      has_mean_(fourier_.modes() > 0 && fourier_.wave(0) == std::array<std::ptrdiff_t, 3>{}),
+      waves_(system, grid, collocation, fourier_),
+      propagators_(waves_),
       places_(system, grid, Within::node) {
-  split_fields();
-  L_ = mean_hessian(system, grid, grids::FieldSet(system.field_count(), grid.size()));
-  find_translation();
-  reduce();
-  group_waves();
   compile_rest();
   classify();
-  parseval_ = parseval_weights(fourier_, grid);
-  find_real_forms();
-  find_frequencies();
   find_pairs();
-  const std::size_t waves = fourier_.modes(), nodes = grid.size();
+  const std::size_t waves = waves_.count(), nodes = grid.size();
   for (WaveRows* const rows : {&x_, &before_, &moved_, &next_, &work_}) {  // no copies: those write, and take memory
-    *rows = WaveRows(size(), waves);
+    *rows = WaveRows(waves_.size(), waves);
   }
   const int n = static_cast<int>(varying_.size());
   rest_rows_ = WaveRows(n, waves);
@@ -150,7 +49,6 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   outputs_ = grids::FieldSet(n + 1, nodes);
   turned_ = grids::FieldSet(n + 1, nodes);
   moved_begins_with_varying_ = std::ranges::equal(varying_, std::views::iota(0, n));
-  propagators_.resize(waves > many_waves ? propagators_of_many_waves : most_propagators);
 }
 
 void WaveSplitting::check(const Composition& composition) const {
@@ -162,226 +60,23 @@ void WaveSplitting::check(const Composition& composition) const {
   }
 }
 
-void WaveSplitting::split_fields() {
-  for (int f = 0; f < system_.field_count(); ++f) {
-    const auto& name = system_.fields()[static_cast<std::size_t>(f)];
-    if (system_.structure().at_midpoints(f)) {
-      throw SchemeRefusal(
-          fmt::format("splitting needs a linear part that can be solved for all fields without an equation of motion, "
-                      "and {} has none: only a whole step determines it{}",
-                      name, remedy));
-    }
-    (system_.structure().algebraic[static_cast<std::size_t>(f)] ? others_ : evolving_).push_back(f);
-  }
-  MatrixXd M(size(), size());
-  for (int r = 0; r < size(); ++r) {
-    for (int c = 0; c < size(); ++c) {
-      M(r, c) = system_.M()(evolving_[static_cast<std::size_t>(r)], evolving_[static_cast<std::size_t>(c)]);
-    }
-  }
-  if (rank(M.cast<Complex>()) != M.rows()) {
-    throw SchemeRefusal(
-        fmt::format("splitting needs as many equations of motion as there are fields with one, and M has rank {} on {} "
-                    "fields{}",
-                    rank(M.cast<Complex>()), M.rows(), remedy));
-  }
-  inverse_M_ = solve::quotient(M, MatrixXd::Identity(size(), size())).value();
-}
-
-/// A linear term c·x of S moves x by M⁻¹c at a constant rate. Where S'' has no constant entry of what is moved, the
-/// waves can be kept from it, and the two flows commute.
-void WaveSplitting::find_translation() {
-  slope_.assign(system_.fields().size(), 0.0);
-  translation_.assign(evolving_.size(), 0.0);
-  const std::vector<double> slopes = potential_slopes_at_zero(system_);
-  for (int p = 0; p < size(); ++p) {
-    const int f = evolving_[static_cast<std::size_t>(p)];
-    const double slope = slopes[static_cast<std::size_t>(f)];
-    if (is_in_rest(system_, f) || slope == 0.0 || !L_.row(f).isZero(0.0)) {
-      continue;
-    }
-    std::vector<int> moved;
-    for (int q = 0; q < size(); ++q) {
-      if (inverse_M_(q, p) != 0.0) {
-        moved.push_back(evolving_[static_cast<std::size_t>(q)]);
-      }
-    }
-    const auto in_waves = [&](int g) {
-      bool any = !system_.constant_hessian().row(g).isZero(0.0);
-      for (int a = 0; a < grid_.dimensions(); ++a) {
-        any = any || !system_.K(a).row(g).isZero(0.0);
-      }
-      return any;
-    };
-    if (std::ranges::any_of(moved, in_waves)) {
-      continue;
-    }
-    slope_[static_cast<std::size_t>(f)] = slope;
-    for (const int g : moved) {
-      L_.row(g).setZero();
-      L_.col(g).setZero();
-    }
-    for (int q = 0; q < size(); ++q) {
-      translation_[static_cast<std::size_t>(q)] += inverse_M_(q, p) * slope;
-    }
-  }
-}
-
-/// Σ ik_a K_a, or what differences make of it: δ⁻ is -(δ⁺)ᵀ, with minus the conjugate symbol.
-MatrixXcd WaveSplitting::derivatives_on_wave(std::size_t wave) const {
-  const auto k = fourier_.wave(wave);
-  MatrixXcd sum = MatrixXcd::Zero(system_.field_count(), system_.field_count());
-  for (int a = 0; a < grid_.dimensions(); ++a) {
-    const grids::Axis& axis = grids::whole_of(grid_).axis(a);
-    const auto number = k[static_cast<std::size_t>(a)];
-    if (collocation_ == Collocation::nodes) {
-      sum += grids::derivative_symbol(number, axis) * system_.K(a).cast<Complex>();
-    } else {
-      const double theta = 2.0 * std::numbers::pi * static_cast<double>(number) / static_cast<double>(axis.cells);
-      const Complex forward = grids::difference_symbol(theta, axis.spacing());
-      const MatrixXcd plus = system_.structure().K_plus[static_cast<std::size_t>(a)].cast<Complex>();
-      sum += forward * plus + std::conj(forward) * plus.transpose();
-    }
-  }
-  return sum;
-}
-
-/// With x the evolving fields and y the others, B = Σ ik_a K_a - L:  ŷ = -B₂₂⁻¹B₂₁ x̂,  M x̂_t = -(B₁₁ - B₁₂B₂₂⁻¹B₂₁) x̂.
-void WaveSplitting::reduce() {
-  const Index r = size(), o = static_cast<Index>(others_.size());
-  const std::size_t waves = fourier_.modes();
-  energy_form_ = WaveRows(static_cast<int>(r * r), waves);
-  generator_form_ = WaveRows(static_cast<int>(r * r), waves);
-  slaves_ = WaveRows(static_cast<int>(o * r), waves);
-  const auto part = [](const MatrixXcd& B, const std::vector<int>& rows, const std::vector<int>& columns) {
-    MatrixXcd result(static_cast<Index>(rows.size()), static_cast<Index>(columns.size()));
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      for (std::size_t j = 0; j < columns.size(); ++j) {
-        result(static_cast<Index>(i), static_cast<Index>(j)) = B(rows[i], columns[j]);
-      }
-    }
-    return result;
-  };
-  constexpr std::ptrdiff_t none = std::numeric_limits<std::ptrdiff_t>::min();
-  std::ptrdiff_t unsolved = none;  // the first wave that is
-  for (std::size_t w = 0; w < waves; ++w) {
-    const MatrixXcd B = derivatives_on_wave(w) - L_.cast<Complex>();
-    MatrixXcd G = -part(B, evolving_, evolving_);
-    if (o > 0) {
-      const MatrixXcd B22 = part(B, others_, others_);
-      const solve::Inverse inverse = solve::equilibrated_inverse_of(B22);
-      if (!(inverse.smallest_pivot > 1e-12 * (1.0 + inverse.largest_pivot))) {
-        unsolved = fourier_.wave(w)[0];
-        break;
-      }
-      const MatrixXcd C = -solve::product(inverse.matrix, part(B, others_, evolving_));
-      G -= solve::product(part(B, evolving_, others_), C);
-      set_wave(C, w, slaves_);
-    }
-    set_wave(G, w, energy_form_);
-    set_wave(solve::product(inverse_M_.cast<Complex>(), G), w, generator_form_);
-  }
-  if (const grids::Transposition* const shared = fourier_.transposition()) {  // all ranks refuse, or none
-    const double largest = -std::numeric_limits<double>::max();
-    const double wave =
-        shared->slab().largest_over_ranks(unsolved == none ? largest : -std::abs(static_cast<double>(unsolved)));
-    unsolved = wave == largest ? none : static_cast<std::ptrdiff_t>(-wave);
-  }
-  if (unsolved != none) {
-    throw SchemeRefusal(
-        fmt::format("splitting needs a linear part that can be solved for the fields without an equation of motion "
-                    "({}, …) wave by wave, and on the wave number {} it cannot{}",
-                    system_.fields()[static_cast<std::size_t>(others_.front())], unsolved, remedy));
-  }
-}
-
-/// Of waves, those of other ranks as well.
-double WaveSplitting::largest_of_waves(std::span<const double> values) const {
-  const double here = largest_here(values);
-  const grids::Transposition* const shared = fourier_.transposition();
-  return shared == nullptr ? here : shared->slab().largest_over_ranks(here);
-}
-
-double WaveSplitting::sum_of_waves(double here) const {
-  const grids::Transposition* const shared = fourier_.transposition();
-  return shared == nullptr ? here : shared->slab().sum_over_ranks(here);
-}
-
-void WaveSplitting::group_waves() {
-  std::vector<int> group(static_cast<std::size_t>(size()));
-  std::iota(group.begin(), group.end(), 0);
-  for (int r = 0; r < size(); ++r) {
-    for (int c = 0; c < size(); ++c) {
-      const int row = r * size() + c;
-      const bool any = largest_of_waves(std::as_const(generator_form_.re).field(row)) > 0.0 ||
-                       largest_of_waves(std::as_const(generator_form_.im).field(row)) > 0.0;
-      const int from = group[static_cast<std::size_t>(c)], to = group[static_cast<std::size_t>(r)];
-      if (any && from != to) {
-        std::ranges::replace(group, from, to);
-      }
-    }
-  }
-  for (int g = 0; g < size(); ++g) {
-    std::vector<int> members;
-    for (int f = 0; f < size(); ++f) {
-      if (group[static_cast<std::size_t>(f)] == g) {
-        members.push_back(f);
-      }
-    }
-    for (const int a : members) {
-      for (const int b : members) {
-        coupled_.emplace_back(a, b);
-      }
-    }
-    if (!members.empty()) {
-      groups_.push_back(std::move(members));
-    }
-  }
-}
-
-/// Wave equations and Schrödinger's have real A and G: half of the work, and G is symmetric.
-void WaveSplitting::find_real_forms() {
-  real_pairs_ = largest_of_waves(std::as_const(generator_form_.im).all()) == 0.0 &&
-                std::ranges::all_of(groups_, [](const auto& group) { return group.size() <= 2; });
-  if (largest_of_waves(std::as_const(energy_form_.im).all()) > 0.0) {
-    return;
-  }
-  for (const auto& [row, column] : coupled_) {
-    if (row <= column && largest_of_waves(std::as_const(energy_form_.re).field(row * size() + column)) > 0.0) {
-      real_forms_.emplace_back(row, column);
-    }
-  }
-  real_form_weights_ = grids::FieldSet(static_cast<int>(real_forms_.size()) + 1, fourier_.modes());
-  for (std::size_t f = 0; f < real_forms_.size(); ++f) {
-    const auto [row, column] = real_forms_[f];
-    const auto weights = real_form_weights_.field(static_cast<int>(f));
-    const auto G = std::as_const(energy_form_.re).field(row * size() + column);
-    for (std::size_t w = 0; w < weights.size(); ++w) {
-      weights[w] = (row == column ? 0.5 : 1.0) * parseval_[w] * G[w];
-    }
-  }
-  if (!real_forms_.empty()) {
-    energy_form_ = WaveRows();
-  }
-}
-
 /// N = S - ½ zᵀLz at the fields that S'' varies with, or that S has a linear term of; the others 0.
 void WaveSplitting::compile_rest() {
   const std::vector<double> slope = potential_slopes_at_zero(system_);
   const auto varies = [&](int f) {
-    return is_in_rest(system_, f) || slope[static_cast<std::size_t>(f)] != slope_[static_cast<std::size_t>(f)];
+    return is_in_rest(system_, f) || slope[static_cast<std::size_t>(f)] != waves_.slope()[static_cast<std::size_t>(f)];
   };
-  for (const int f : others_) {
+  for (const int f : waves_.others()) {
     if (varies(f)) {
       throw SchemeRefusal(
           fmt::format("splitting needs a rest of S that depends on fields with an equation of motion alone, and beyond "
                       "its quadratic terms with constant coefficients S depends on {}{}",
-                      system_.fields()[static_cast<std::size_t>(f)], remedy));
+                      system_.fields()[static_cast<std::size_t>(f)], splitting_remedy));
     }
   }
   std::vector<int> fields;
-  for (int p = 0; p < size(); ++p) {
-    const int f = evolving_[static_cast<std::size_t>(p)];
+  for (int p = 0; p < waves_.size(); ++p) {
+    const int f = waves_.evolving()[static_cast<std::size_t>(p)];
     if (varies(f)) {
       varying_.push_back(p);
       fields.push_back(f);
@@ -389,16 +84,16 @@ void WaveSplitting::compile_rest() {
   }
   if (fields.empty() && !system_.coordinates().empty()) {  // S has a term of the coordinates alone
     varying_.push_back(0);
-    fields.push_back(evolving_.front());
+    fields.push_back(waves_.evolving().front());
   }
   if (fields.empty()) {  // S is quadratic but for a constant
-    const Expression N = rest_of_potential(system_, L_, fields).value;
+    const Expression N = rest_of_potential(system_, waves_.L(), fields).value;
     const grids::Slab* const slab = grids::Slab::of(grid_);
     const std::size_t nodes = slab != nullptr ? slab->whole().size() : grid_.size();
-    constant_rest_ = N.is_constant() ? cell_volume_ * static_cast<double>(nodes) * N.constant_value() : 0.0;
+    constant_rest_ = N.is_constant() ? grid_.cell_volume() * static_cast<double>(nodes) * N.constant_value() : 0.0;
     return;
   }
-  const auto [graph, varying, arguments, N] = rest_of_potential(system_, L_, fields);
+  const auto [graph, varying, arguments, N] = rest_of_potential(system_, waves_.L(), fields);
   std::vector<Expression> outputs = {N};
   const std::vector<Expression> first = formula::gradient(N, varying);
   outputs.insert(outputs.end(), first.begin(), first.end());
@@ -409,13 +104,13 @@ void WaveSplitting::compile_rest() {
   std::vector<Expression> turned = {N}, inputs = arguments;
   inputs.push_back(tau);
   for (std::size_t i = 0; i < varying.size(); ++i) {
-    const auto is_partner = [&](int place) { return inverse_M_(varying_[i], place) != 0.0; };
+    const auto is_partner = [&](int place) { return waves_.inverse_M()(varying_[i], place) != 0.0; };
     if (std::ranges::none_of(varying_, is_partner)) {
       kicking_.push_back(i);
       turned.push_back(varying[i]);
     }
     for (std::size_t j = 0; j < varying.size(); ++j) {
-      const double mu = inverse_M_(varying_[i], varying_[j]);
+      const double mu = waves_.inverse_M()(varying_[i], varying_[j]);
       if (mu != 0.0) {
         // At 0 nothing is there to turn: the smallest numbers keep the quotient defined.
         const Expression square = varying[i] * varying[i] + varying[j] * varying[j] + 1e-300;
@@ -437,7 +132,7 @@ void WaveSplitting::classify() {
   bool moves_itself = false;
   for (const int i : varying_) {
     for (const int j : varying_) {
-      moves_itself = moves_itself || inverse_M_(i, j) != 0.0;
+      moves_itself = moves_itself || waves_.inverse_M()(i, j) != 0.0;
     }
   }
   if (!moves_itself) {
@@ -450,7 +145,8 @@ void WaveSplitting::classify() {
   throw SchemeRefusal(fmt::format(
       "splitting needs a rest of S whose flow at a node is known: kicks, as of V(u) in a wave equation, or "
       "turns of pairs, as of V(p^2 + q^2); the rest here, in {} and others, is neither{}",
-      system_.fields()[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(varying_.front())])], remedy));
+      system_.fields()[static_cast<std::size_t>(waves_.evolving()[static_cast<std::size_t>(varying_.front())])],
+      splitting_remedy));
 }
 
 /// Whether p ∂_qN = q ∂_pN for all pairs: N depends on p² + q² alone.
@@ -467,7 +163,7 @@ bool WaveSplitting::is_turn() const {
   evaluate(points, std::as_const(at).pointers(), outputs.pointers());
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < n; ++j) {
-      if (inverse_M_(varying_[static_cast<std::size_t>(i)], varying_[static_cast<std::size_t>(j)]) == 0.0) {
+      if (waves_.inverse_M()(varying_[static_cast<std::size_t>(i)], varying_[static_cast<std::size_t>(j)]) == 0.0) {
         continue;
       }
       double difference = 0.0, size = 0.0;
@@ -487,15 +183,15 @@ bool WaveSplitting::is_turn() const {
 void WaveSplitting::stand(const LatticeLevel& level) {
   for (std::size_t f = 0; f < level.slopes.of_field.size(); ++f) {
     if (has_slope(level.slopes, f, grid_)) {
-      throw SchemeRefusal(
-          fmt::format("splitting takes no potential with a mean slope, and {} has one{}", system_.fields()[f], remedy));
+      throw SchemeRefusal(fmt::format("splitting takes no potential with a mean slope, and {} has one{}",
+                                      system_.fields()[f], splitting_remedy));
     }
   }
   std::array<const double*, MultisymplecticSystem::most_fields> from{};
-  for (int p = 0; p < size(); ++p) {
-    from[static_cast<std::size_t>(p)] = level.fields.field(evolving_[static_cast<std::size_t>(p)]).data();
+  for (int p = 0; p < waves_.size(); ++p) {
+    from[static_cast<std::size_t>(p)] = level.fields.field(waves_.evolving()[static_cast<std::size_t>(p)]).data();
   }
-  from_grid(std::span(from).first(evolving_.size()), fourier_, x_);
+  from_grid(std::span(from).first(waves_.evolving().size()), fourier_, x_);
   forget();
 }
 
@@ -524,6 +220,7 @@ void WaveSplitting::save(StateWriter& state) const {
   state.write(first_energy_is_known_ ? 1.0 : 0.0);
   state.write(first_energy_is_known_ ? first_energy_ : 0.0);
 }
+
 void WaveSplitting::restore(StateReader& state) {
   restore_waves(state, fourier_, x_.re);
   restore_waves(state, fourier_, x_.im);
@@ -532,136 +229,22 @@ void WaveSplitting::restore(StateReader& state) {
   state.read(first_energy_);
 }
 
-/// Groups of two fields that turn into each other with a frequency for each wave: sines and cosines in vectors.
-void WaveSplitting::find_frequencies() {
-  const auto A = [&](int row, int column) { return std::as_const(generator_form_.re).field(row * size() + column); };
-  frequencies_ = grids::FieldSet();
-  if (!real_pairs_ || fourier_.modes() > many_waves) {  // these are filled in several threads
-    return;
-  }
-  grids::FieldSet frequencies(static_cast<int>(groups_.size()), fourier_.modes());
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    const int x = groups_[g].front(), y = groups_[g].back();
-    if (x == y || largest_here(A(x, x)) > 0.0 || largest_here(A(y, y)) > 0.0) {
-      return;
-    }
-    for (std::size_t w = 0; w < frequencies.size(); ++w) {
-      const double squared = -A(x, y)[w] * A(y, x)[w];
-      if (!(squared >= 0.0)) {
-        return;
-      }
-      frequencies.field(static_cast<int>(g))[w] = std::sqrt(squared);
-    }
-  }
-  const std::size_t waves = fourier_.modes();
-  grids::FieldSet of_sines(2 * frequencies.fields(), waves);
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    const int x = groups_[g].front(), y = groups_[g].back(), row = 2 * static_cast<int>(g);
-    for (std::size_t w = 0; w < waves; ++w) {
-      const double omega = std::as_const(frequencies).field(static_cast<int>(g))[w];
-      of_sines.field(row)[w] = omega == 0.0 ? A(x, y)[w] : A(x, y)[w] / omega;
-      of_sines.field(row + 1)[w] = omega == 0.0 ? A(y, x)[w] : A(y, x)[w] / omega;
-    }
-  }
-  formula::Graph graph;
-  const Expression angle = graph.variable("angle");
-  turn_ = formula::BatchEvaluator(formula::Bytecode(std::array{cos(angle), sin(angle)}, std::array{angle}));
-  frequencies_ = std::move(frequencies);
-  of_sines_ = std::move(of_sines);
-  at_once_ = std::clamp<std::size_t>(angles_at_once / std::max<std::size_t>(1, waves), 1, most_drifts);
-  angles_ = grids::FieldSet(3, (at_once_ * waves + 7) / 8 * 8);  // whole vectors
-}
-
-void WaveSplitting::fill_by_frequencies(std::span<const std::size_t> places) {
-  const std::size_t waves = fourier_.modes();
-  double* const angle = angles_.field(0).data();
-  const double *const cosine = std::as_const(angles_).field(1).data(), *const sine =
-                                                                           std::as_const(angles_).field(2).data();
-  for (std::size_t first = 0; first < places.size(); first += at_once_) {
-    const auto some = places.subspan(first, std::min(at_once_, places.size() - first));
-    for (std::size_t g = 0; g < groups_.size(); ++g) {
-      const double* const omega = std::as_const(frequencies_).field(static_cast<int>(g)).data();
-      for (std::size_t i = 0; i < some.size(); ++i) {
-        rubato::multiply(propagators_[some[i]].tau, omega, waves, angle + i * waves);
-      }
-      const double* const in[] = {angle};
-      double* const out[] = {angles_.field(1).data(), angles_.field(2).data()};
-      turn_((some.size() * waves + 7) / 8 * 8, in, out);
-      const int row = 2 * static_cast<int>(g);
-      for (std::size_t i = 0; i < some.size(); ++i) {
-        Propagator& E = propagators_[some[i]];
-        const int x = groups_[g].front(), y = groups_[g].back();
-        make_turns(E.tau, omega, cosine + i * waves, sine + i * waves, std::as_const(of_sines_).field(row).data(),
-                   std::as_const(of_sines_).field(row + 1).data(), waves, turns(E.entries.re, x, y),
-                   turns(E.rests, x, y));
-      }
-    }
-  }
-}
-
-void WaveSplitting::fill(double tau, WaveRows& entries) {
-  for_each_wave_block(fourier_.modes(), [&](std::size_t begin, std::size_t end) {
-    for (const std::vector<int>& members : groups_) {
-      const auto n = static_cast<Index>(members.size());
-      MatrixXcd A(n, n), E(n, n);
-      for (std::size_t w = begin; w < end; ++w) {
-        for (Index i = 0; i < n; ++i) {
-          for (Index j = 0; j < n; ++j) {
-            const int row = members[static_cast<std::size_t>(i)] * size() + members[static_cast<std::size_t>(j)];
-            A(i, j) = {generator_form_.re.field(row)[w], generator_form_.im.field(row)[w]};
-          }
-        }
-        if (n == 2) {
-          const Complex mean = 0.5 * (A(0, 0) + A(1, 1)), half = 0.5 * (A(0, 0) - A(1, 1));
-          const Waves waves = waves_of(half * half + A(0, 1) * A(1, 0), tau);
-          const Complex factor = mean == 0.0 ? 1.0 : std::exp(mean * tau);
-          E(0, 0) = factor * (waves.cosine + waves.sine * half);
-          E(1, 1) = factor * (waves.cosine - waves.sine * half);
-          E(0, 1) = factor * waves.sine * A(0, 1);
-          E(1, 0) = factor * waves.sine * A(1, 0);
-        } else {
-          E = solve::exponential_of(tau * A);
-        }
-        for (Index i = 0; i < n; ++i) {
-          for (Index j = 0; j < n; ++j) {
-            const auto row = static_cast<std::size_t>(members[static_cast<std::size_t>(i)] * size() +
-                                                      members[static_cast<std::size_t>(j)]);
-            entries.re.pointers()[row][w] = E(i, j).real();
-            if (!real_pairs_) {
-              entries.im.pointers()[row][w] = E(i, j).imag();
-            }
-          }
-        }
-      }
-    }
-  });
-}
-
-/// With frequencies the two cosines are one row.
-PairMatrices WaveSplitting::turns(grids::FieldSet& entries, int x, int y) const {
-  const int z = frequencies_.fields() > 0 ? std::min(x, y) : y;
-  const int first = frequencies_.fields() > 0 ? z : x;
-  const auto entry = [&](int row, int column) {
-    return entries.pointers()[static_cast<std::size_t>(row * size() + column)];
-  };
-  return {entry(first, first), entry(x, y), entry(y, x), entry(z, z)};
-}
-
 /// Real pairs whose kick, energy and turn are one pass: where all groups are such, and the energy has no other terms.
 void WaveSplitting::find_pairs() {
-  const bool splits = real_pairs_ &&
-                      std::ranges::all_of(groups_, [](const auto& group) { return group.size() == 2; }) &&
-                      std::ranges::all_of(real_forms_, [](const auto& form) { return form.first == form.second; }) &&
-                      !real_forms_.empty() && std::ranges::all_of(slope_, [](double slope) { return slope == 0.0; });
+  const bool splits =
+      waves_.has_real_pairs() &&
+      std::ranges::all_of(waves_.groups(), [](const auto& group) { return group.size() == 2; }) &&
+      std::ranges::all_of(waves_.real_forms(), [](const auto& form) { return form.first == form.second; }) &&
+      !waves_.real_forms().empty() && std::ranges::all_of(waves_.slope(), [](double slope) { return slope == 0.0; });
   if (!splits) {
     return;
   }
-  for (const std::vector<int>& group : groups_) {
+  for (const std::vector<int>& group : waves_.groups()) {
     pairs_.push_back({.x = group.front(), .y = group.back()});
   }
   for (std::size_t v = 0; v < varying_.size() && flow_ == Flow::kick; ++v) {
-    for (int p = 0; p < size(); ++p) {
-      const double rate = inverse_M_(p, varying_[v]);
+    for (int p = 0; p < waves_.size(); ++p) {
+      const double rate = waves_.inverse_M()(p, varying_[v]);
       if (rate == 0.0) {
         continue;
       }
@@ -678,7 +261,8 @@ void WaveSplitting::find_pairs() {
     }
   }
   const auto weight_of = [this](int place) {  // the last row is zero
-    return static_cast<int>(std::ranges::find(real_forms_, std::pair(place, place)) - real_forms_.begin());
+    return static_cast<int>(std::ranges::find(waves_.real_forms(), std::pair(place, place)) -
+                            waves_.real_forms().begin());
   };
   for (Pair& pair : pairs_) {
     pair.weight_of_x = weight_of(pair.x);
@@ -686,160 +270,18 @@ void WaveSplitting::find_pairs() {
   }
 }
 
-void WaveSplitting::make_room(Propagator& propagator) const {
-  if (propagator.entries.re.fields() == 0) {
-    propagator.entries.re = grids::FieldSet(size() * size(), fourier_.modes());
-    propagator.entries.im = grids::FieldSet(real_pairs_ ? 0 : size() * size(), fourier_.modes());
-    propagator.rests = grids::FieldSet(real_pairs_ ? size() * size() : 0, fourier_.modes());
-  }
-}
-
-/// Of the one for this τ, known or to be filled. None that the step under way has found is given away.
-std::size_t WaveSplitting::place_of_propagator(double tau) {
-  const std::size_t room = propagators_.size();
-  for (std::size_t back = 1; back <= room; ++back) {  // the newest first
-    const std::size_t place = (replaced_ + room - back) % room;
-    if (Propagator& known = propagators_[place]; known.used > 0 && are_same_bits(known.tau, tau)) {
-      known.used = steps_prepared_;
-      return place;
-    }
-  }
-  std::size_t place = room, passed = 0;
-  while (passed < room && propagators_[replaced_ % room].used == steps_prepared_) {
-    ++replaced_;
-    ++passed;
-  }
-  if (passed < room) {
-    place = replaced_++ % room;
-  } else {
-    propagators_.emplace_back();
-  }
-  Propagator& anew = propagators_[place];
-  make_room(anew);
-  anew.tau = tau;
-  anew.used = steps_prepared_;
-  missing_.push_back(place);
-  return place;
-}
-
-void WaveSplitting::fill_missing() {
-  if (frequencies_.fields() > 0) {
-    fill_by_frequencies(missing_);
-  } else {
-    for (const std::size_t place : missing_) {
-      Propagator& E = propagators_[place];
-      fill(E.tau, E.entries);
-      for (const std::vector<int>& group : groups_) {
-        if (real_pairs_ && group.size() == 2) {
-          split_turns(fourier_.modes(), turns(E.entries.re, group.front(), group.back()),
-                      turns(E.rests, group.front(), group.back()));
-        }
-      }
-    }
-  }
-  missing_.clear();
-}
-
-/// Products of one length with h have the same bits, be they numbers or not.
-void WaveSplitting::make_propagators(const Composition& composition, double h) {
-  const std::size_t parts = composition.parts.size();
-  bool known = of_parts_.size() == parts;
-  for (std::size_t i = 0; i < parts && known; ++i) {
-    const Composition::Part& part = composition.parts[i];
-    known = !part.drift || are_same_bits(propagators_[of_parts_[i]].tau, part.length * h);
-  }
-  if (known) {
-    return;
-  }
-  of_parts_.resize(parts);
-  missing_.reserve(parts);
-  ++steps_prepared_;
-  for (std::size_t i = 0; i < parts; ++i) {
-    const Composition::Part& part = composition.parts[i];
-    of_parts_[i] = part.drift ? place_of_propagator(part.length * h) : 0;
-  }
-  fill_missing();
-}
-
-void WaveSplitting::prepare(const Composition& composition, double h) {
-  // Those of a step and, where they are short, of the one tried before it; a step looks for no others.
-  propagators_.resize((fourier_.modes() > many_waves ? 1 : 2) * different_drifts(composition));
-  for (Propagator& propagator : propagators_) {
-    make_room(propagator);
-  }
-  of_parts_.clear();
-  make_propagators(composition, h);
-}
-
-/// out = matrix·in, over the coupled pairs.
-void WaveSplitting::multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const {
-  for_each_wave_block(in.waves(), [&](std::size_t begin, std::size_t end) {
-    for (int p = 0; p < size(); ++p) {
-      std::fill(out.re.pointers()[static_cast<std::size_t>(p)] + begin,
-                out.re.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
-      std::fill(out.im.pointers()[static_cast<std::size_t>(p)] + begin,
-                out.im.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
-    }
-    for (const auto& [row, column] : coupled_) {
-      const int entry = row * size() + column;
-      add_product(matrix.re.field(entry).data() + begin, matrix.im.field(entry).data() + begin,
-                  in.re.field(column).data() + begin, in.im.field(column).data() + begin, end - begin,
-                  out.re.pointers()[static_cast<std::size_t>(row)] + begin,
-                  out.im.pointers()[static_cast<std::size_t>(row)] + begin);
-    }
-  });
-}
-
-/// X_1.
-double WaveSplitting::wave_energy(const WaveRows& rows) const {
-  CompensatedSum sum = sum_of_pieces(rows.waves(), [&](std::size_t begin, std::size_t end, CompensatedSum& into) {
-    alignas(64) std::array<double, wave_block> terms;
-    for (std::size_t first = begin; first < end; first += wave_block) {
-      const std::size_t count = std::min(wave_block, end - first);
-      for (std::size_t f = 0; f < real_forms_.size(); ++f) {
-        const auto [row, column] = real_forms_[f];
-        into.add(sum_form(real_form_weights_.field(static_cast<int>(f)).data() + first,
-                          rows.re.field(row).data() + first, rows.im.field(row).data() + first,
-                          rows.re.field(column).data() + first, rows.im.field(column).data() + first, count));
-      }
-      if (!real_forms_.empty()) {
-        continue;
-      }
-      terms.fill(0.0);
-      for (const auto& [row, column] : coupled_) {
-        const int entry = row * size() + column;
-        const double* g_re = energy_form_.re.field(entry).data() + first;
-        const double* g_im = energy_form_.im.field(entry).data() + first;
-        const double* l_re = rows.re.field(row).data() + first;
-        const double* l_im = rows.im.field(row).data() + first;
-        const double* r_re = rows.re.field(column).data() + first;
-        const double* r_im = rows.im.field(column).data() + first;
-        add_form(g_re, g_im, l_re, l_im, r_re, r_im, count, terms.data());
-      }
-      into.add(weighted_sum(parseval_.data() + first, terms.data(), count));
-    }
-  });
-  for (int p = 0; p < size(); ++p) {
-    const double slope = slope_[static_cast<std::size_t>(evolving_[static_cast<std::size_t>(p)])];
-    if (slope != 0.0 && has_mean_) {
-      sum.add(slope * rows.re.field(p)[0]);  // Σ x over the nodes
-    }
-  }
-  return cell_volume_ * sum_of_waves(sum.value());
-}
-
 /// ΔV Σ N over the nodes. Where ranks share the lattice their sums have the same bits for every number of them; alone
 /// it is as exact, in a third of the time: a splitting promises no more than rounding between the two.
 double WaveSplitting::node_energy(std::span<const double> N) const {
   if (fourier_.transposition() != nullptr) {
-    return cell_volume_ * grids::sum(N);
+    return grid_.cell_volume() * grids::sum(N);
   }
   const CompensatedSum sum = sum_of_pieces(N.size(), [N](std::size_t begin, std::size_t end, CompensatedSum& into) {
     for (std::size_t first = begin; first < end; first += wave_block) {
       into.add(sum_of_values(N.data() + first, std::min(wave_block, end - first)));
     }
   });
-  return cell_volume_ * sum.value();
+  return grid_.cell_volume() * sum.value();
 }
 
 /// N and ∇N of these rows.
@@ -862,7 +304,7 @@ bool WaveSplitting::evaluate_rest(const WaveRows& rows, At at) {
 }
 
 /// A kick, X_1 and a turn of all pairs in one pass over the waves.
-double WaveSplitting::turn_pairs(const Propagator& E, bool with_energy) {
+double WaveSplitting::turn_pairs(const WavePropagators::Propagator& E, bool with_energy) {
   // What turns is not written to.
   auto& entries = const_cast<grids::FieldSet&>(E.entries.re);
   auto& rests = const_cast<grids::FieldSet&>(E.rests);
@@ -871,7 +313,8 @@ double WaveSplitting::turn_pairs(const Propagator& E, bool with_energy) {
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
       const Pair& pair = pairs_[i];
       const auto x = static_cast<std::size_t>(pair.x), y = static_cast<std::size_t>(pair.y);
-      PairMatrices first = turns(entries, pair.x, pair.y), rest = turns(rests, pair.x, pair.y);
+      PairMatrices first = propagators_.turns(entries, pair.x, pair.y),
+                   rest = propagators_.turns(rests, pair.x, pair.y);
       for (std::size_t w = begin; w < end; w += wave_block) {
         BeforeTurn before;
         if (kicking_rows_ != nullptr && pair.kicked_by >= 0) {
@@ -880,8 +323,8 @@ double WaveSplitting::turn_pairs(const Propagator& E, bool with_energy) {
                     .im = kicking_rows_->im.field(pair.kicked_by).data() + w};
         }
         if (with_energy) {
-          before.of_x = std::as_const(real_form_weights_).field(pair.weight_of_x).data() + w;
-          before.of_y = std::as_const(real_form_weights_).field(pair.weight_of_y).data() + w;
+          before.of_x = std::as_const(waves_.real_form_weights()).field(pair.weight_of_x).data() + w;
+          before.of_y = std::as_const(waves_.real_form_weights()).field(pair.weight_of_y).data() + w;
         }
         into.add(turn_pair({first.a + w, first.b + w, first.c + w, first.d + w},
                            {rest.a + w, rest.b + w, rest.c + w, rest.d + w}, before, std::min(wave_block, end - w),
@@ -890,40 +333,41 @@ double WaveSplitting::turn_pairs(const Propagator& E, bool with_energy) {
     }
   });
   kicking_rows_ = nullptr;
-  return with_energy ? cell_volume_ * sum_of_waves(sum.value()) : 0.0;
+  return with_energy ? grid_.cell_volume() * waves_.sum_over_ranks(sum.value()) : 0.0;
 }
 
 /// moved_ goes along the flow of the waves, and of what is linear in S. \return X_1, if it is asked for
-double WaveSplitting::drift(const Propagator& E, bool with_energy) {
+double WaveSplitting::drift(const WavePropagators::Propagator& E, bool with_energy) {
   rest_at_ = At::nowhere;
   rest_energy_is_known_ = rest_rows_are_known_ = false;
   if (!pairs_.empty()) {
     return turn_pairs(E, with_energy);
   }
-  const double energy = with_energy ? wave_energy(moved_) : 0.0;
-  if (real_pairs_) {
+  const double energy = with_energy ? waves_.energy(moved_) : 0.0;
+  if (waves_.has_real_pairs()) {
     auto& all = const_cast<grids::FieldSet&>(E.entries.re);
     auto& rests = const_cast<grids::FieldSet&>(E.rests);
-    for (const std::vector<int>& group : groups_) {
+    for (const std::vector<int>& group : waves_.groups()) {
       const int x = group.front(), y = group.back();
       if (group.size() == 2) {
-        turn_pair(turns(all, x, y), turns(rests, x, y), {}, moved_.waves(),
+        turn_pair(propagators_.turns(all, x, y), propagators_.turns(rests, x, y), {}, moved_.waves(),
                   {moved_.re.field(x).data(), moved_.im.field(x).data(), moved_.re.field(y).data(),
                    moved_.im.field(y).data()});
         continue;
       }
-      const double* const factor = E.entries.re.field(x * size() + x).data();
+      const double* const factor = E.entries.re.field(x * waves_.size() + x).data();
       for (std::size_t w = 0; w < moved_.waves(); ++w) {
         moved_.re.field(x)[w] *= factor[w];
         moved_.im.field(x)[w] *= factor[w];
       }
     }
   } else {
-    multiply(E.entries, moved_, next_);
+    waves_.multiply(E.entries, moved_, next_);
     std::swap(moved_, next_);
   }
-  for (std::size_t p = 0; p < translation_.size() && has_mean_; ++p) {
-    moved_.re.field(static_cast<int>(p))[0] += E.tau * translation_[p] * static_cast<double>(whole_size_);
+  for (std::size_t p = 0; p < waves_.translation().size() && waves_.has_mean(); ++p) {
+    moved_.re.field(static_cast<int>(p))[0] +=
+        E.tau * waves_.translation()[p] * static_cast<double>(grids::whole_of(grid_).size());
   }
   return energy;
 }
@@ -931,8 +375,8 @@ double WaveSplitting::drift(const Propagator& E, bool with_energy) {
 /// The fields that varying field v kicks, by the waves of ∂_vN.
 void WaveSplitting::kick_by(std::size_t v, const WaveRows& slopes, double tau) {
   const auto row = static_cast<int>(v);
-  for (int p = 0; p < size(); ++p) {
-    if (const double rate = inverse_M_(p, varying_[v]); rate != 0.0) {
+  for (int p = 0; p < waves_.size(); ++p) {
+    if (const double rate = waves_.inverse_M()(p, varying_[v]); rate != 0.0) {
       add(tau * rate, slopes.re.field(row).data(), slopes.im.field(row).data(), moved_.waves(),
           moved_.re.field(p).data(), moved_.im.field(p).data());
     }
@@ -1033,12 +477,12 @@ bool WaveSplitting::step(const Composition& composition, double h, bool with_gen
   rest_at_ = rest_at_ == At::here ? At::here : At::nowhere;
   rest_energy_is_known_ = rest_rows_are_known_ = false;
   kicking_rows_ = nullptr;
-  make_propagators(composition, h);
+  propagators_.make(composition, h);
   CompensatedSum K;
   for (std::size_t i = 0; i < composition.parts.size(); ++i) {
     const Composition::Part& part = composition.parts[i];
     if (part.drift) {
-      const double energy = drift(propagators_[of_parts_[i]], with_generator);
+      const double energy = drift(propagators_.of_part(i), with_generator);
       if (with_generator) {
         K.add(part.length * energy);
       }
@@ -1057,7 +501,7 @@ bool WaveSplitting::step(const Composition& composition, double h, bool with_gen
 
 double WaveSplitting::energy() {
   return (rest_energy_is_known_ || evaluate_rest(moved_, At::led)) && std::isfinite(rest_energy_)
-             ? wave_energy(moved_) + rest_energy_
+             ? waves_.energy(moved_) + rest_energy_
              : std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -1069,7 +513,7 @@ double WaveSplitting::energy_here() {
     first_energy_ = rest_energy_;
     first_energy_is_known_ = true;
   }
-  return wave_energy(x_) + first_energy_;
+  return waves_.energy(x_) + first_energy_;
 }
 
 void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) {
@@ -1080,8 +524,8 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
     to_grid(from, which, fourier_, std::span(arrays).first(to.size()));
   };
   std::vector<int> unseen, which;  // a kick has seen the varying fields at the nodes
-  for (int p = 0; p < size(); ++p) {
-    const int f = evolving_[static_cast<std::size_t>(p)];
+  for (int p = 0; p < waves_.size(); ++p) {
+    const int f = waves_.evolving()[static_cast<std::size_t>(p)];
     const auto seen = std::ranges::find(varying_, p);
     if (at != At::nowhere && rest_at_ == at && seen != varying_.end()) {
       std::ranges::copy(std::as_const(values_).field(static_cast<int>(seen - varying_.begin())),
@@ -1092,16 +536,17 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
     }
   }
   transform(rows, unseen, which);
-  for (std::size_t o = 0; o < others_.size(); ++o) {
+  for (std::size_t o = 0; o < waves_.others().size(); ++o) {
     double *const re = work_.re.field(0).data(), *const im = work_.im.field(0).data();
     std::fill_n(re, rows.waves(), 0.0);
     std::fill_n(im, rows.waves(), 0.0);
-    for (int p = 0; p < size(); ++p) {
-      const int entry = static_cast<int>(o) * size() + p;
-      add_product(std::as_const(slaves_.re).field(entry).data(), std::as_const(slaves_.im).field(entry).data(),
-                  rows.re.field(p).data(), rows.im.field(p).data(), rows.waves(), re, im);
+    for (int p = 0; p < waves_.size(); ++p) {
+      const int entry = static_cast<int>(o) * waves_.size() + p;
+      add_product(std::as_const(waves_.slaves().re).field(entry).data(),
+                  std::as_const(waves_.slaves().im).field(entry).data(), rows.re.field(p).data(),
+                  rows.im.field(p).data(), rows.waves(), re, im);
     }
-    transform(work_, {0}, {others_[o]});
+    transform(work_, {0}, {waves_.others()[o]});
   }
   grids::refresh_ghosts(fields);
 }
@@ -1113,26 +558,27 @@ void WaveSplitting::write_rates(const WaveRows& rows, At at, grids::FieldSet& ra
   std::size_t count = 0;
   bool kicked = false;
   rates.fill(0.0);
-  for (int p = 0; p < size(); ++p) {
-    const int f = evolving_[static_cast<std::size_t>(p)];
+  for (int p = 0; p < waves_.size(); ++p) {
+    const int f = waves_.evolving()[static_cast<std::size_t>(p)];
     if (asked.empty() || asked[static_cast<std::size_t>(f)]) {
       which[count] = p;
       to[count++] = rates.field(f).data();
-      kicked = kicked || std::ranges::any_of(varying_, [&](int v) { return inverse_M_(p, v) != 0.0; });
+      kicked = kicked || std::ranges::any_of(varying_, [&](int v) { return waves_.inverse_M()(p, v) != 0.0; });
     }
   }
-  multiply(generator_form_, rows, work_);
-  for (std::size_t p = 0; p < translation_.size() && has_mean_; ++p) {
-    work_.re.field(static_cast<int>(p))[0] += translation_[p] * static_cast<double>(whole_size_);
+  waves_.multiply(waves_.generator(), rows, work_);
+  for (std::size_t p = 0; p < waves_.translation().size() && waves_.has_mean(); ++p) {
+    work_.re.field(static_cast<int>(p))[0] +=
+        waves_.translation()[p] * static_cast<double>(grids::whole_of(grid_).size());
   }
   if (kicked) {
     static_cast<void>(evaluate_rest(rows, at));
     from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
   }
   for (std::size_t v = 0; v < varying_.size() && kicked; ++v) {
-    for (int p = 0; p < size(); ++p) {
+    for (int p = 0; p < waves_.size(); ++p) {
       const auto row = static_cast<int>(v);
-      add(inverse_M_(p, varying_[v]), std::as_const(rest_rows_.re).field(row).data(),
+      add(waves_.inverse_M()(p, varying_[v]), std::as_const(rest_rows_.re).field(row).data(),
           std::as_const(rest_rows_.im).field(row).data(), rows.waves(), work_.re.field(p).data(),
           work_.im.field(p).data());
     }

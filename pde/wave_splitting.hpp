@@ -1,9 +1,6 @@
 #pragma once
 
-#include <utility>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include <rubato/base/state.hpp>
 #include <rubato/formula/batch.hpp>
@@ -11,8 +8,10 @@
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/linear_waves.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/pde/wave_propagators.hpp>
 #include <rubato/pde/wave_rows.hpp>
 #include <rubato/variation/composition.hpp>
 
@@ -45,9 +44,8 @@ public:
   /// [N, [N, [N, L]]] = 0, for L is of degree two in what they move, and N does not depend on that.
   void check(const Composition& composition) const;
 
-  /// Makes room for steps of this composition, and what turns the waves in those of length h: so steps allocate
-  /// nothing, whatever their lengths are, and the first one takes as long as others.
-  void prepare(const Composition& composition, double h);
+  /// See WavePropagators.
+  void prepare(const Composition& composition, double h) { propagators_.prepare(composition, h); }
 
   /// Stands at a level. \throws SchemeRefusal if a potential has a mean slope
   void stand(const LatticeLevel& level);
@@ -88,19 +86,12 @@ private:
   enum class Flow { none, kick, turn };
   /// Of which waves something is known.
   enum class At { nowhere, here, led };
-  /// exp(τA) on every wave, for one τ.
-  struct Propagator {
-    double tau = 0.0;
-    std::size_t used = 0;   ///< for which step last
-    WaveRows entries;       ///< row·r + column; none before the first; of real pairs the first bits, without im
-    grids::FieldSet rests;  ///< of real pairs, what they have beyond these
-  };
   /// A real pair of rows: y, if one of them, is what a varying field kicks.
   struct Pair {
     int x, y;
     int kicked_by = -1;                    ///< number of the varying field; none
     double rate = 0.0;                     ///< by which
-    int weight_of_x = 0, weight_of_y = 0;  ///< rows of real_form_weights_
+    int weight_of_x = 0, weight_of_y = 0;  ///< rows of LinearWaves::real_form_weights()
   };
   /// A kick that no turn takes along: field p by varying field v.
   struct Kick {
@@ -109,81 +100,33 @@ private:
     double rate;
   };
 
-  void split_fields();
-  void find_translation();
-  void reduce();
-  void group_waves();
   void compile_rest();
   void classify();
   [[nodiscard]] bool is_turn() const;
   void find_pairs();
-  void make_propagators(const Composition& composition, double h);
-  [[nodiscard]] std::size_t place_of_propagator(double tau);
-  void make_room(Propagator& propagator) const;
-  void fill_missing();
-  [[nodiscard]] PairMatrices turns(grids::FieldSet& entries, int x, int y) const;
-  void find_frequencies();
-  void fill(double tau, WaveRows& entries);
-  void fill_by_frequencies(std::span<const std::size_t> places);
-  void find_real_forms();
-  void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
-  [[nodiscard]] double drift(const Propagator& E, bool with_energy);
-  [[nodiscard]] double turn_pairs(const Propagator& E, bool with_energy);
+  [[nodiscard]] double drift(const WavePropagators::Propagator& E, bool with_energy);
+  [[nodiscard]] double turn_pairs(const WavePropagators::Propagator& E, bool with_energy);
   [[nodiscard]] bool kick(double tau);
   [[nodiscard]] bool kick_from_here(double tau);
   void kick_by(std::size_t v, const WaveRows& slopes, double tau);
   void kick_before_turn(const WaveRows& slopes, double tau);
   void finish_kick();
-  [[nodiscard]] double wave_energy(const WaveRows& rows) const;
   [[nodiscard]] double node_energy(std::span<const double> N) const;
-  [[nodiscard]] double largest_of_waves(std::span<const double> values) const;
-  [[nodiscard]] double sum_of_waves(double here) const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
   void write(const WaveRows& rows, At at, grids::FieldSet& fields);
   void write_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked);
   void forget();
-  [[nodiscard]] int size() const { return static_cast<int>(evolving_.size()); }
-
-  [[nodiscard]] Eigen::MatrixXcd derivatives_on_wave(std::size_t wave) const;
 
   MultisymplecticSystem system_;
   grids::Grid grid_;
-  Collocation collocation_;
-  std::size_t whole_size_;  ///< nodes of the whole lattice
-  double cell_volume_;
   grids::Fourier fourier_;
-  bool has_mean_;                       ///< the first wave here is the one that is constant in space
-  std::vector<int> evolving_, others_;  ///< fields with an equation of motion, and without
-  Eigen::MatrixXd inverse_M_;           ///< M⁻¹ of the evolving fields
-  Eigen::MatrixXd L_;                   ///< the mean of S''(0)
-  WaveRows energy_form_;  ///< G of X_1 = ½ x̂ᴴ G x̂: row·r + column among evolving fields; none where real_forms_ are
-  WaveRows generator_form_;                   ///< A = M⁻¹G of x_t = Ax
-  WaveRows slaves_;                           ///< C of ŷ = C x̂, row·r + column
-  std::vector<std::vector<int>> groups_;      ///< places of evolving fields that A couples
-  std::vector<std::pair<int, int>> coupled_;  ///< pairs of places in one group
-  bool real_pairs_ = false;                   ///< A is real, and its groups have two fields at most
-  /// X_1 as Σ weighted Re(conj x̂_row x̂_column), where G is real on every wave; empty where it is not.
-  std::vector<std::pair<int, int>> real_forms_;
-  grids::FieldSet real_form_weights_;  ///< by the same, and a row of zeros
-  grids::FieldSet frequencies_;        ///< ω of each group and wave, where the pairs turn and are few; none elsewhere
-  grids::FieldSet of_sines_;           ///< of each such group what multiplies sin(ωτ) in its matrix: b, then c
-  formula::BatchEvaluator turn_;       ///< cosine and sine of an angle
-  std::size_t at_once_ = 1;            ///< of how many τ
-  grids::FieldSet angles_;             ///< of the waves, their cosines and sines
+  LinearWaves waves_;
+  WavePropagators propagators_;
   /// Where all groups are real pairs, and X_1 = ½ Σ (G_xx |x|² + G_yy |y|²): kick, energy and turn are one pass.
   std::vector<Pair> pairs_;
   std::vector<Kick> loose_kicks_;
   const WaveRows* kicking_rows_ = nullptr;  ///< of a kick that the next turn takes along, and its τ; null: none
   double kicking_tau_ = 0.0;
-  std::vector<Propagator> propagators_;
-  std::size_t replaced_ = 0, steps_prepared_ = 0;
-  std::vector<std::size_t> of_parts_;  ///< places of the propagators of the last step's parts
-  std::vector<std::size_t> missing_;   ///< places of those to be filled
-  std::vector<double> parseval_;
-
-  std::vector<double> slope_;        ///< of S in the fields that it moves linearly, with the waves; 0 for the others
-  std::vector<double> translation_;  ///< of evolving fields, M⁻¹ slope: their rate beside that of the waves
-
   std::vector<int> varying_;                ///< places of the evolving fields that N depends on
   std::vector<std::size_t> kicking_;        ///< of turns: those of varying_ that are not turned
   bool moved_begins_with_varying_ = false;  ///< varying_ is 0, 1, …

@@ -1060,14 +1060,14 @@ TEST_CASE("what ranks send for a level of a scheme in Fourier space is transpose
   } else if (scheme == "midpoint") {
     // Of each sweep u there and back; of a step the fields at its start (4) and their increments (4).
     CHECK(fields == 2.0 * (many.sweeps - few.sweeps) / 16.0 + 8.0);
-    // As above, of u in the middle for the laws (2), and of u and b of the level and of its rates, for Γ (8).
-    CHECK(derivatives == 18.0);
+    // As above, of u in the middle for the laws (2), and of u of the level, and u and b of its rates, for Γ (6).
+    CHECK(derivatives == 16.0);
   } else {
     // Of each sweep u at two stages, there and back; of a step the fields at its start (4), their increments (4), and
     // at two stages the fields and the rate of u, of the laws (10).
     CHECK(fields == 4.0 * (many.sweeps - few.sweeps) / 16.0 + 18.0);
-    // As above, and of u at two stages, and of u and b, for the energy of the level.
-    CHECK(derivatives == 16.0);
+    // As above, and of u at two stages, and of u, for the energy of the level.
+    CHECK(derivatives == 14.0);
   }
   const auto transposes = [&](double of_waves, double of_lines) {
     return (size - 1) * (fields * of_waves + derivatives * of_lines);
