@@ -12,6 +12,7 @@
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/box_gather.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/space_collocation.hpp>
