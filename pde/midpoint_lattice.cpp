@@ -11,7 +11,6 @@
 
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
-#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/cell_solver.hpp>
@@ -75,86 +74,6 @@ void check_waves_of_kernel(const MultisymplecticSystem& system, const grids::Gri
 /// What conditions hold are potentials that other fields' rows are made of.
 StaticCondensation condensation_of(const MultisymplecticSystem& system, const KernelConditions& conditions) {
   return conditions.count() > 0 ? StaticCondensation(system, nullptr) : StaticCondensation(system);
-}
-
-/// Largest absolute values, NaN if one is not finite.
-struct Sizes {
-  double added = 0.0;
-  double sum = 0.0;
-};
-
-RUBATO_WIDE_VECTORS Sizes add_twice_in_block(const double* c, double* delta, std::size_t count) {
-  constexpr std::size_t lanes = 8;
-  double added[lanes] = {};
-  double sums[lanes] = {};
-  double poison[lanes] = {};  // becomes NaN with the first value that is not finite
-  const auto take = [&](std::size_t lane, std::size_t i) {
-    const double change = 2.0 * c[i];
-    const double sum = delta[i] + change;
-    delta[i] = sum;
-    added[lane] = std::abs(change) > added[lane] ? std::abs(change) : added[lane];
-    sums[lane] = std::abs(sum) > sums[lane] ? std::abs(sum) : sums[lane];
-    poison[lane] += 0.0 * sum;
-  };
-  std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
-    for (std::size_t l = 0; l < lanes; ++l) {
-      take(l, i + l);
-    }
-  }
-  for (std::size_t l = 0; i + l < count; ++l) {
-    take(l, i + l);
-  }
-  Sizes result;
-  for (std::size_t l = 0; l < lanes; ++l) {
-    result.added = std::max(result.added, added[l]);
-    result.sum = std::max(result.sum, sums[l]);
-  }
-  if (std::ranges::any_of(poison, [](double value) { return value != 0.0; })) {
-    result.added = result.sum = std::numeric_limits<double>::quiet_NaN();
-  }
-  return result;
-}
-
-/// δ += 2 c.
-Sizes add_twice_here(std::span<const double> c, std::span<double> delta) {
-  const grids::ReductionBlocks pieces(c.size());
-  std::array<Sizes, grids::ReductionBlocks::most> partial;
-  grids::for_each_block(c.size(), pieces.block, [&](std::size_t begin, std::size_t end) {
-    partial[begin / pieces.block] = add_twice_in_block(c.data() + begin, delta.data() + begin, end - begin);
-  });
-  Sizes result;
-  for (std::size_t b = 0; b < pieces.blocks; ++b) {
-    result.added = larger(result.added, partial[b].added);
-    result.sum = larger(result.sum, partial[b].sum);
-  }
-  return result;
-}
-
-/// The same, of all ranks that share the fields, all of which have come to the same numbers in ghosts.
-void add_twice(const grids::FieldSet& c, grids::FieldSet& delta, std::span<Sizes> sizes) {
-  const grids::Slab* const slab = grids::Slab::of(delta.size());
-  std::array<double, 2 * MultisymplecticSystem::most_fields> largest;
-  for (std::size_t f = 0; f < sizes.size(); ++f) {
-    const auto from = c.field(static_cast<int>(f));
-    const auto to = delta.field(static_cast<int>(f));
-    if (slab == nullptr) {
-      sizes[f] = add_twice_here(from, to);
-      continue;
-    }
-    const std::size_t first = slab->first_node(), owned = slab->owned(), end = first + owned;
-    add_twice_here(from.first(first), to.first(first));
-    add_twice_here(from.subspan(end), to.subspan(end));
-    const Sizes here = add_twice_here(from.subspan(first, owned), to.subspan(first, owned));
-    largest[2 * f] = here.added;
-    largest[2 * f + 1] = here.sum;
-  }
-  if (slab != nullptr) {
-    slab->reduce({}, {}, std::span(largest).first(2 * sizes.size()));
-    for (std::size_t f = 0; f < sizes.size(); ++f) {
-      sizes[f] = {largest[2 * f], largest[2 * f + 1]};
-    }
-  }
 }
 
 /// Box and Fourier: the same midpoint rule in time with another A and D_a.
@@ -626,12 +545,12 @@ private:
   /// δ += 2 c; the largest relative size of c over the fields.
   /// \param stalled becomes true if no field's correction is much smaller than the last one of this step
   double add_correction(bool& stalled) {
-    std::array<Sizes, MultisymplecticSystem::most_fields> all;
+    std::array<IncrementSizes, MultisymplecticSystem::most_fields> all;
     add_twice(correction_, delta_, std::span(all).first(at_midpoints_.size()));
     double size = 0.0;
     stalled = true;
     for (int f = 0; f < system_.field_count(); ++f) {
-      const Sizes& sizes = all[static_cast<std::size_t>(f)];
+      const IncrementSizes& sizes = all[static_cast<std::size_t>(f)];
       const double last = std::exchange(added_[static_cast<std::size_t>(f)], sizes.added);
       stalled = stalled && (sizes.added == 0.0 || sizes.added >= stall * last);
       if (sizes.added != 0.0) {
