@@ -8,8 +8,8 @@
 
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
-#include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/box_gather.hpp>
+#include <rubato/pde/cell_solver.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
