@@ -7,6 +7,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <random>
 #include <stdexcept>
 #include <utility>
 
@@ -14,187 +15,19 @@
 #include <fmt/ranges.h>
 #include <Eigen/SVD>
 
+#include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/sum.hpp>
+#include <rubato/pde/antiderivative.hpp>
 #include <rubato/pde/field_structure.hpp>
+#include <rubato/pde/jet_polynomial.hpp>
 #include <rubato/pde/polynomials.hpp>
+#include <rubato/pde/random_points.hpp>
 
 namespace rubato {
 
 namespace {
 
 using formula::Expression;
-using formula::Operation;
-
-/// A field or a derivative of one.
-struct Jet {
-  std::size_t field = 0;
-  DerivativeOrder order = {};
-  auto operator<=>(const Jet&) const = default;
-};
-using JetMonomial = std::vector<Jet>;  ///< ascending, with repetitions
-using JetPolynomial = std::map<JetMonomial, double>;
-
-int total(const Jet& jet) {
-  return total_order(jet.order);
-}
-
-void add(JetPolynomial& sum, JetMonomial monomial, double coefficient) {
-  std::ranges::sort(monomial);
-  double& place = sum[monomial];
-  place += coefficient;
-  constexpr double rounding = 1e-13;  // of coefficients that cancel
-  if (std::abs(place) <= rounding * std::abs(coefficient)) {
-    sum.erase(monomial);
-  }
-}
-void add(JetPolynomial& sum, const JetPolynomial& other, double factor) {
-  for (const auto& [monomial, coefficient] : other) {
-    add(sum, monomial, factor * coefficient);
-  }
-}
-
-Jet shifted(Jet jet, std::size_t mu, int by = 1) {
-  jet.order.at(mu) += by;
-  return jet;
-}
-
-/// D_mu of a polynomial.
-JetPolynomial differentiated(const JetPolynomial& polynomial, std::size_t mu) {
-  JetPolynomial result;
-  for (const auto& [monomial, coefficient] : polynomial) {
-    for (std::size_t i = 0; i < monomial.size(); ++i) {
-      JetMonomial moved = monomial;
-      moved[i] = shifted(moved[i], mu);
-      add(result, moved, coefficient);
-    }
-  }
-  return result;
-}
-
-/// δL/δu of a field: Σ_J (-D)^J ∂L/∂u_J.
-JetPolynomial euler_operator(const JetPolynomial& L, std::size_t field) {
-  std::map<DerivativeOrder, JetPolynomial> partial;
-  for (const auto& [monomial, coefficient] : L) {
-    for (std::size_t i = 0; i < monomial.size(); ++i) {
-      if (monomial[i].field == field) {
-        JetMonomial rest = monomial;
-        rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(i));
-        add(partial[monomial[i].order], rest, coefficient);
-      }
-    }
-  }
-  JetPolynomial sum;
-  for (auto& [order, polynomial] : partial) {
-    double sign = 1.0;
-    for (std::size_t mu = 0; mu < order.size(); ++mu) {
-      for (int n = 0; n < order[mu]; ++n) {
-        polynomial = differentiated(polynomial, mu);
-        sign = -sign;
-      }
-    }
-    add(sum, polynomial, sign);
-  }
-  return sum;
-}
-
-/// The direction by which one differentiates more often than the other by most: φ φ_xxyy is to become (φ_xy)², not
-/// φ_xx φ_yy, whose derivatives need twice the fields. Of equal ones the last of x, y, z, and t before these.
-std::size_t most_apart(const DerivativeOrder& more, const DerivativeOrder& less) {
-  std::size_t found = last_direction(more);
-  for (std::size_t mu = more.size(); mu-- > 0;) {
-    if (more.at(mu) - less.at(mu) > more.at(found) - less.at(found)) {
-      found = mu;
-    }
-  }
-  return found;
-}
-
-/// The same density with derivatives moved by parts: of two factors to both alike; of more, one that occurs once is
-/// taken off where it is the highest.
-JetPolynomial reduced(const JetPolynomial& L) {
-  JetPolynomial left = L, result;
-  while (!left.empty()) {
-    const auto [monomial, coefficient] = *left.begin();
-    left.erase(left.begin());
-    const auto highest = std::ranges::max_element(monomial, {}, total);
-    const bool is_high = highest != monomial.end() && total(*highest) >= 2;
-    if (is_high && monomial.size() == 2) {
-      const Jet other = monomial[highest == monomial.begin() ? 1 : 0];
-      if (total(*highest) - total(other) >= 2) {
-        const std::size_t mu = most_apart(highest->order, other.order);
-        add(left, JetMonomial{shifted(*highest, mu, -1), shifted(other, mu)}, -coefficient);
-        continue;
-      }
-    } else if (is_high && monomial.size() > 2) {
-      const std::size_t mu = last_direction(highest->order);
-      const Jet lower = shifted(*highest, mu, -1);
-      const auto stays = std::ranges::count_if(monomial, [&](const Jet& jet) {  // as high as it would get by this
-        return jet != lower && total(jet) + 1 >= total(*highest);
-      });
-      if (stays > 1) {  // beside the highest itself
-        add(result, monomial, coefficient);
-        continue;
-      }
-      JetMonomial others;
-      int power = 0;
-      for (const Jet& jet : monomial) {
-        power += jet == lower ? 1 : 0;
-        if (jet != lower && jet != *highest) {
-          others.push_back(jet);
-        }
-      }
-      // c lower^k D(lower) others = D(c lower^(k+1)/(k+1) others) - c lower^(k+1)/(k+1) D(others).
-      for (const auto& [moved, factor] : differentiated(JetPolynomial{{others, 1.0}}, mu)) {
-        JetMonomial whole = moved;
-        whole.insert(whole.end(), static_cast<std::size_t>(power) + 1, lower);
-        add(left, whole, -coefficient * factor / (power + 1));
-      }
-      continue;
-    }
-    add(result, monomial, coefficient);
-  }
-  return result;
-}
-
-/// G with D_x G = polynomial, if there is one.
-std::optional<JetPolynomial> integrated_by_x(JetPolynomial polynomial) {
-  JetPolynomial G;
-  constexpr int most_terms = 1000;
-  for (int n = 0; n < most_terms && !polynomial.empty(); ++n) {
-    const auto order_by_x = [](const Jet& jet) { return jet.order[1]; };
-    const auto highest_of = [&](const auto& entry) {
-      return entry.first.empty() ? -1 : order_by_x(*std::ranges::max_element(entry.first, {}, order_by_x));
-    };
-    const auto [monomial, coefficient] = *std::ranges::max_element(polynomial, {}, highest_of);
-    const auto highest = std::ranges::max_element(monomial, {}, order_by_x);
-    if (monomial.empty() || order_by_x(*highest) < 1 ||
-        std::ranges::count(monomial, order_by_x(*highest), order_by_x) != 1) {
-      return std::nullopt;
-    }
-    const Jet lower = shifted(*highest, 1, -1);
-    JetMonomial whole = monomial;
-    std::erase(whole, *highest);
-    const auto power = std::ranges::count(whole, lower);
-    whole.push_back(lower);
-    JetPolynomial term;
-    add(term, whole, coefficient / static_cast<double>(power + 1));
-    add(G, term, 1.0);
-    add(polynomial, differentiated(term, 1), -1.0);
-  }
-  return polynomial.empty() ? std::optional(G) : std::nullopt;
-}
-
-/// The same polynomial of the potential of a field, u = φ_x.
-JetPolynomial of_potential(const JetPolynomial& polynomial, std::size_t field) {
-  JetPolynomial result;
-  for (const auto& [monomial, coefficient] : polynomial) {
-    JetMonomial moved = monomial;
-    std::ranges::transform(moved, moved.begin(),
-                           [field](const Jet& jet) { return jet.field == field ? shifted(jet, 1) : jet; });
-    add(result, moved, coefficient);
-  }
-  return result;
-}
 
 class InverseProblem {
 public:
@@ -216,7 +49,10 @@ public:
 
   FieldDensity density() {
     damping_ = take_damping().value_or(0.0);
-    return undamped();
+    if (auto found = undamped()) {
+      return *std::move(found);
+    }
+    refuse();
   }
 
 private:
@@ -243,16 +79,12 @@ private:
     return damping;
   }
 
-  FieldDensity undamped() {
-    if (auto found = in_any_order(rows_, std::nullopt)) {
-      return *std::move(found);
+  [[nodiscard]] std::optional<FieldDensity> undamped() {
+    auto found = in_any_order(rows_, std::nullopt);
+    for (std::size_t f = 0; f < rows_.size() && !found; ++f) {
+      found = by_potential(f);
     }
-    for (std::size_t f = 0; f < rows_.size(); ++f) {
-      if (auto found = by_potential(f)) {
-        return *std::move(found);
-      }
-    }
-    refuse();
+    return found;
   }
 
   /// Rows are the equations of the fields in some order.
@@ -356,33 +188,19 @@ private:
       add(L, of_rows[f], factors[f]);
     }
     if (!are_exact) {
-      for (std::size_t f = 0; f < rows.size() && !potential; ++f) {
-        JetPolynomial difference = euler_operator(L, f);
-        add(difference, rows[f].terms, -factors[f]);
-        remember(without_rounding(std::move(difference)));
-      }
       return std::nullopt;
     }
-    Expression rest = graph_.constant(0.0);
-    for (std::size_t f = 0; f < rows.size(); ++f) {
-      for (const Expression term : rows[f].others) {
-        const auto integral = antiderivative(term, f);
-        if (!integral) {
-          return std::nullopt;
-        }
-        rest = rest + factors[f] * *integral;
-      }
-    }
-    return density_from(reduced(L), rest, potential);
+    const auto rest = potential_of(rows, factors);
+    return rest ? std::optional(density_from(reduced(L), *rest, potential)) : std::nullopt;
   }
 
   /// The factors a of the rows E with which Σ a_g L_g has the rows a_f E_f, L_g of E_g alone: linear equations, one for
-  /// each monomial of each row. If they have no solution without zeros, those that come nearest to one.
+  /// each monomial of each row.
   struct Factors {
     std::vector<double> values;
     bool are_exact = false;
   };
-  [[nodiscard]] static Factors factors_of(const std::vector<Row>& rows, const std::vector<JetPolynomial>& of_rows) {
+  [[nodiscard]] Factors factors_of(const std::vector<Row>& rows, const std::vector<JetPolynomial>& of_rows) const {
     const auto n = static_cast<Eigen::Index>(rows.size());
     std::vector<Eigen::VectorXd> equations;
     double size = 0.0;
@@ -402,6 +220,17 @@ private:
       std::ranges::transform(by_monomial, std::back_inserter(equations),
                              &std::pair<const JetMonomial, Eigen::VectorXd>::second);
     }
+    // The other terms have a potential: ∂(a_f g_f)/∂u_h = ∂(a_h g_h)/∂u_f.
+    for (std::size_t f = 0; f < rows.size(); ++f) {
+      for (std::size_t h = 0; h < f; ++h) {
+        for (const auto& slopes : values_of({slope_of(rows[f], h), slope_of(rows[h], f)})) {
+          Eigen::VectorXd& equation = equations.emplace_back(Eigen::VectorXd::Zero(n));
+          equation(static_cast<Eigen::Index>(f)) = slopes[0];
+          equation(static_cast<Eigen::Index>(h)) = -slopes[1];
+          size = std::max({size, std::abs(slopes[0]), std::abs(slopes[1])});
+        }
+      }
+    }
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(std::max<Eigen::Index>(n, std::ssize(equations)), n);
     for (std::size_t i = 0; i < equations.size(); ++i) {
       matrix.row(static_cast<Eigen::Index>(i)) = equations[i].transpose();
@@ -414,105 +243,91 @@ private:
         kernel > 0 ? column_echelon(svd.matrixV().rightCols(kernel)) : svd.matrixV().rightCols(1);
     Eigen::VectorXd factors = basis.rowwise().sum();
     factors /= factors(0) != 0.0 ? factors(0) : 1.0;
+    factors = factors.unaryExpr(&nearest_twelfth);
     return {{factors.begin(), factors.end()}, kernel > 0 && (factors.array() != 0.0).all()};
   }
-  [[nodiscard]] static JetPolynomial without_rounding(JetPolynomial difference) {
-    constexpr double rounding = 1e-12;
-    double size = 0.0;
-    for (const auto& [monomial, coefficient] : difference) {
-      size = std::max(size, std::abs(coefficient));
+  [[nodiscard]] Expression slope_of(const Row& row, std::size_t f) const {
+    Expression sum = graph_.constant(0.0);
+    for (const Expression term : row.others) {
+      sum = sum + formula::derivative(term, field(f));
     }
-    std::erase_if(difference, [&](const auto& entry) { return std::abs(entry.second) <= rounding * size; });
-    return difference;
+    return sum;
   }
 
-  /// ∫ term du_f, of a term that depends on no other field.
-  [[nodiscard]] std::optional<Expression> antiderivative(Expression term, std::size_t f) {
-    const Expression u = graph_.variable(stated_.fields[f]);
-    const std::vector<std::size_t> variables = formula::variables_of(term);
-    for (std::size_t g = 0; g < stated_.fields.size(); ++g) {
-      const std::size_t number = graph_.node(graph_.variable(stated_.fields[g]).index()).a;
-      if (g != f && std::ranges::find(variables, number) != variables.end()) {
-        return std::nullopt;
+  /// V with ∂V/∂u_f the sum of the other terms of row f times its factor, found field by field.
+  [[nodiscard]] std::optional<Expression> potential_of(const std::vector<Row>& rows,
+                                                       const std::vector<double>& factors) {
+    const Expression zero = graph_.constant(0.0);
+    Expression V = zero;
+    std::vector<Expression> before;
+    for (std::size_t f = 0; f < rows.size(); ++f) {
+      std::vector<Expression> parts;
+      for (const Expression term : rows[f].others) {
+        parts.push_back(factors[f] * term);
+      }
+      if (has(V, field(f))) {
+        parts.push_back(-formula::derivative(V, field(f)));
+      }
+      if (!vanishes(parts)) {
+        // What V lacks depends on no field before this one.
+        for (const Expression part :
+             formula::substitute(parts, graph_, before, std::vector<Expression>(before.size(), zero))) {
+          const auto integral = antiderivative(part, field(f));
+          if (!integral) {
+            without_integral_ = formula::to_string(part);
+            return std::nullopt;
+          }
+          // 0 at u = 0, where that is a number: 1 - cos(u).
+          const Expression at_zero =
+              formula::substitute(std::array{*integral}, graph_, std::array{field(f)}, std::array{zero}).front();
+          V = V + (at_zero.is_constant() && std::isfinite(at_zero.constant_value()) ? *integral - at_zero : *integral);
+        }
+      }
+      before.push_back(field(f));
+    }
+    return V;
+  }
+  /// Values of formulas at random points where all of them are finite.
+  [[nodiscard]] static std::vector<std::vector<double>> values_of(const std::vector<Expression>& all) {
+    std::vector<Expression> variables;
+    for (const Expression e : all) {
+      for (const std::size_t number : formula::variables_of(e)) {
+        const Expression variable = e.graph()->variable(e.graph()->variable_name(number));
+        if (std::ranges::find(variables, variable) == variables.end()) {
+          variables.push_back(variable);
+        }
       }
     }
-    auto integral = integral_of(term, u);
-    if (!integral) {
-      without_integral_ = formula::to_string(term);
-      return std::nullopt;
+    formula::ScalarEvaluator evaluate(formula::Bytecode(all, variables));
+    std::mt19937_64 random(20);
+    std::uniform_real_distribution<double> value(0.1, 1.4);
+    std::vector<std::vector<double>> found;
+    std::vector<double> point(variables.size()), values(all.size());
+    constexpr int points = 10;
+    for (int n = 0; n < points; ++n) {
+      std::ranges::generate(point, [&] { return value(random); });
+      evaluate(point, values);
+      if (std::ranges::all_of(values, [](double v) { return std::isfinite(v); })) {
+        found.push_back(values);
+      }
     }
-    // 0 at u = 0, where that is a number: 1 - cos(u).
-    const Expression zero = graph_.constant(0.0);
-    const Expression at_zero =
-        formula::substitute(std::array{*integral}, graph_, std::array{u}, std::array{zero}).front();
-    return at_zero.is_constant() ? *integral - at_zero : *integral;
+    return found;
+  }
+  [[nodiscard]] static bool vanishes(const std::vector<Expression>& parts) {
+    constexpr double rounding = 1e-11;
+    return std::ranges::all_of(values_of(parts), [](const std::vector<double>& values) {
+      double sum = 0.0, size = 0.0;
+      for (const double v : values) {
+        sum += v;
+        size += std::abs(v);
+      }
+      return std::abs(sum) <= rounding * size;
+    });
   }
   [[nodiscard]] Expression field(std::size_t f) const { return graph_.variable(stated_.fields[f]); }
   [[nodiscard]] bool has(Expression e, Expression u) const {
     const std::vector<std::size_t> variables = formula::variables_of(e);
     return std::ranges::find(variables, graph_.node(u.index()).a) != variables.end();
-  }
-  [[nodiscard]] std::optional<Expression> integral_of(Expression e, Expression u) {
-    if (!has(e, u)) {
-      return e * u;
-    }
-    if (e == u) {
-      return 0.5 * pow(u, 2.0);
-    }
-    const formula::Node node = graph_.node(e.index());
-    const Expression a(&graph_, node.a), b(&graph_, node.b);
-    const auto scaled = [&](std::optional<Expression> integral, Expression factor) {
-      return integral ? std::optional(factor * *integral) : std::nullopt;
-    };
-    switch (node.operation) {
-      case Operation::add:
-      case Operation::subtract: {
-        const auto one = integral_of(a, u), other = integral_of(b, u);
-        if (!one || !other) {
-          return std::nullopt;
-        }
-        return node.operation == Operation::add ? *one + *other : *one - *other;
-      }
-      case Operation::negate: return scaled(integral_of(a, u), graph_.constant(-1.0));
-      case Operation::multiply:
-        return !has(a, u) ? scaled(integral_of(b, u), a) : !has(b, u) ? scaled(integral_of(a, u), b) : std::nullopt;
-      case Operation::divide: return !has(b, u) ? scaled(integral_of(a, u), 1.0 / b) : std::nullopt;
-      case Operation::max:
-      case Operation::min: {  // one-sided: a rope that only pulls
-        const Expression other = a.is_constant(0.0) ? b : a;
-        const Expression slope = formula::derivative(other, u);
-        if ((!a.is_constant(0.0) && !b.is_constant(0.0)) || has(slope, u)) {
-          return std::nullopt;
-        }
-        return pow(e, 2.0) / (2.0 * slope);
-      }
-      default: break;
-    }
-    // A function of a u + b.
-    const Expression slope = formula::derivative(a, u);
-    if (has(slope, u)) {
-      return std::nullopt;
-    }
-    switch (node.operation) {
-      case Operation::power:
-        if (b.is_constant(-1.0)) {
-          return log(abs(a)) / slope;
-        }
-        if (b.is_constant()) {
-          return pow(a, b.constant_value() + 1.0) / ((b.constant_value() + 1.0) * slope);
-        }
-        return std::nullopt;
-      case Operation::sqrt: return pow(a, 1.5) / (1.5 * slope);
-      case Operation::tan: return -log(abs(cos(a))) / slope;
-      case Operation::tanh: return log(cosh(a)) / slope;
-      case Operation::log: return a * (log(a) - 1.0) / slope;
-      case Operation::sin: return -cos(a) / slope;
-      case Operation::cos: return sin(a) / slope;
-      case Operation::exp: return exp(a) / slope;
-      case Operation::sinh: return cosh(a) / slope;
-      case Operation::cosh: return sinh(a) / slope;
-      default: return std::nullopt;
-    }
   }
 
   /// The density with the sign that is wanted. A field that is ∂_x of what is varied has that as another field, its
@@ -606,20 +421,16 @@ private:
     return by_t != 0.0 ? (by_t > 0.0 ? 1.0 : -1.0) : by_x > 0.0 ? -1.0 : 1.0;
   }
 
-  [[nodiscard]] std::string text_of(const JetMonomial& monomial) const {
+  [[nodiscard]] std::string text_of(const JetMonomial& monomial, double coefficient = 1.0) const {
     std::vector<std::string> factors;
+    if (coefficient != 1.0) {
+      factors.push_back(fmt::format("{:g}", coefficient));
+    }
     for (const Jet& jet : monomial) {
       factors.push_back(total(jet) == 0 ? stated_.fields[jet.field]
                                         : derivative_name(stated_.fields[jet.field], jet.order));
     }
     return fmt::format("{}", fmt::join(factors, "*"));
-  }
-  void remember(const JetPolynomial& difference) {
-    if (without_lagrangian_.empty() && !difference.empty()) {
-      const auto worst =
-          std::ranges::max_element(difference, {}, [](const auto& entry) { return std::abs(entry.second); });
-      without_lagrangian_ = text_of(worst->first);
-    }
   }
   /// Of a single equation of first order in time a linear term of even order in space; or none.
   [[nodiscard]] std::string even_derivative() const {
@@ -651,10 +462,72 @@ private:
           "that, whatever factor of t it is given. An odd derivative in its place, or a second one by t, has an action",
           dissipation, stated_.fields.front()));
     }
-    throw std::invalid_argument(
-        fmt::format("there is no Lagrangian of these fields, nor of a potential of one, nor with a factor exp(a t): no "
-                    "density has the term {} in its equations",
-                    without_lagrangian_.empty() ? "that joins two equations" : without_lagrangian_));
+    throw std::invalid_argument(fmt::format(
+        "there is no Lagrangian of these fields, nor of a potential of one, nor with a factor exp(a t): {}{}",
+        culprit(), remedy()));
+  }
+  /// The term, or one of each of two equations, without which the rest has a density; rather not differentiated by t.
+  [[nodiscard]] std::string culprit() const {
+    struct Term {
+      std::size_t row = 0;
+      std::optional<JetMonomial> monomial;
+      std::size_t other = 0;
+      std::string text;
+    };
+    std::vector<Term> terms, moving;
+    for (std::size_t r = 0; r < rows_.size(); ++r) {
+      for (const auto& [monomial, coefficient] : rows_[r].terms) {
+        const bool moves = std::ranges::any_of(monomial, [](const Jet& jet) { return jet.order[0] > 0; });
+        (moves ? moving : terms).push_back({r, monomial, 0, text_of(monomial, std::abs(coefficient))});
+      }
+      for (std::size_t i = 0; i < rows_[r].others.size(); ++i) {
+        terms.push_back({r, std::nullopt, i, formula::to_string(rows_[r].others[i])});
+      }
+    }
+    terms.insert(terms.end(), moving.begin(), moving.end());
+    const auto drop = [](InverseProblem& problem, const Term& term) {
+      Row& row = problem.rows_[term.row];
+      if (term.monomial) {
+        row.terms.erase(*term.monomial);
+      } else {
+        row.others.erase(row.others.begin() + static_cast<std::ptrdiff_t>(term.other));
+      }
+    };
+    constexpr std::size_t most_rows = 4, most_of_pairs = 2;  // n! orders of the equations are tried for each
+    if (rows_.size() > most_rows) {
+      return "no density has all of these terms";
+    }
+    for (const Term& term : terms) {
+      InverseProblem rest = *this;
+      drop(rest, term);
+      if (rest.undamped()) {
+        return fmt::format("no density has the term {}, without which the rest has one", term.text);
+      }
+    }
+    for (const Term& term : terms) {
+      for (const Term& other : terms) {
+        InverseProblem rest = *this;
+        if (rows_.size() <= most_of_pairs && term.row < other.row &&
+            (drop(rest, term), drop(rest, other), rest.undamped())) {
+          return fmt::format("no density has the terms {} and {}, without which the rest has one", term.text,
+                             other.text);
+        }
+      }
+    }
+    return "no density has all of these terms, nor all but one";
+  }
+  /// Equations of first order in time may have a Hamiltonian all the same.
+  [[nodiscard]] std::string remedy() const {
+    const bool are_first = std::ranges::all_of(rows_, [](const Row& row) {
+      int highest = 0;
+      for (const auto& [monomial, coefficient] : row.terms) {
+        for (const Jet& jet : monomial) {
+          highest = std::max(highest, jet.order[0]);
+        }
+      }
+      return highest == 1;
+    });
+    return are_first ? ". If they are u_t = D(dH/du), give H and the operator D as structure, such as \"dx\"" : "";
   }
 
   const FieldEquations& stated_;
@@ -663,7 +536,7 @@ private:
   std::map<formula::NodeIndex, std::size_t> number_;
   std::vector<Row> rows_;
   double damping_ = 0.0;
-  std::string without_integral_, without_lagrangian_;
+  std::string without_integral_;
 };
 
 }  // namespace

@@ -26,11 +26,10 @@ struct FieldEquations {
 /// φ_x, with the equations as they stand (Korteweg and de Vries) or one of them integrated by x (Boussinesq). u_tt + a
 /// u_t has the factor exp(a t) in L; the density that is given is of w = exp(at/2) u, FieldDensity::damping = a, named
 /// scaled_u, with which coefficients of squares are constant. Terms with derivatives have to be polynomials with
-/// constant coefficients. A term without may be any function of its own field, x, y, z and t that is a sum of multiples
-/// of 1, u, and powers, sqrt, exp, log, sin, cos, tan, sinh, cosh and tanh of a u + b, and of min and max of 0 and
-/// a u + b. The density's own equations are derived again and compared, coefficient by
-/// coefficient. Its sign is that with which u_t² is positive or, where there is none, squares of derivatives by x are
-/// negative. \throws std::invalid_argument with the term that has no Lagrangian
+/// constant coefficients. Terms without may be any functions of the fields, x, y, z and t that have a potential in
+/// closed form, antiderivative() by one field after another. The density's own equations are derived again and
+/// compared, coefficient by coefficient. Its sign is that with which u_t² is positive or, where there is none, squares
+/// of derivatives by x are negative. \throws std::invalid_argument with the term that has no Lagrangian
 [[nodiscard]] FieldDensity density_of(const FieldEquations& equations);
 
 }  // namespace rubato

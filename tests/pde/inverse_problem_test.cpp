@@ -235,3 +235,64 @@ TEST_CASE("what has no density is named") {
   CHECK_THAT(refusal(jets.equations({u_tt - u_xx, u})), Contains("2 equations for 1 fields"));
   CHECK_THAT(refusal(Jets({}).equations({})), Contains("there is no equation"));
 }
+
+TEST_CASE("terms of several fields without polynomial form have a potential") {
+  Jets jets({"u", "v"});
+  const auto u = jets(0, {}), v = jets(1, {}), u_tt = jets(0, {2, 0, 0, 0}), v_tt = jets(1, {2, 0, 0, 0}),
+             u_xx = jets(0, {0, 2, 0, 0}), v_xx = jets(1, {0, 2, 0, 0});
+  const Expression s = pow(u, 2.0) + pow(v, 2.0);
+  const std::vector<std::array<Expression, 2>> forces = {
+      {sin(u - v), -sin(u - v)},
+      {sin(u - v), -2.0 * sin(u - v)},  // with a factor 1/2 of the second equation
+      {exp(u - v), -exp(u - v)},
+      {sin(u) * cos(v), cos(u) * sin(v)},
+      {u / (1.0 + s), v / (1.0 + s)},
+      {u * s / (1.0 + s), v * s / (1.0 + s)},
+      {u / pow(1.0 + s, 2.0), v / pow(1.0 + s, 2.0)},
+      {u * log(s), v * log(s)},
+      {u * sin(s), v * sin(s)},
+      {u * exp(-s), v * exp(-s)},
+      {u * sqrt(s), v * sqrt(s)},
+  };
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> value(0.2, 1.2);
+  for (const auto& [of_u, of_v] : forces) {
+    CAPTURE(formula::to_string(of_u));
+    const FieldDensity density = density_of(jets.equations({u_tt - u_xx + of_u, v_tt - 2.0 * v_xx + of_v}));
+    // -dL/du is the force, -dL/dv is it times the factor of v_t^2 beside that of u_t^2.
+    const auto square = [&](std::size_t field) {
+      const Expression moving = jets.graph().variable(derivative_name(jets.fields()[field], {1, 0, 0, 0}));
+      return formula::derivative(formula::derivative(density.L, moving), moving);
+    };
+    const std::array found = {
+        formula::derivative(density.L, u), formula::derivative(density.L, v), of_u, of_v, square(0), square(1)};
+    formula::ScalarEvaluator evaluate(formula::Bytecode(found, std::array{u, v}));
+    for (int n = 0; n < 5; ++n) {
+      const std::vector<double> point = {value(random), value(random)};
+      std::vector<double> values(found.size());
+      evaluate(point, values);
+      // The logarithms and powers of one field's integral cancel against the other's: rounding of some units.
+      CHECK(values[0] == Approx(-values[2] * values[4]).epsilon(1e-12).margin(1e-14));
+      CHECK(values[1] == Approx(-values[3] * values[5]).epsilon(1e-12).margin(1e-14));
+    }
+  }
+  // Twins: forces that are no gradient, with whatever positive factor, and one whose integral is not known.
+  const auto refused = [&](Expression of_u, Expression of_v) {
+    return refusal(jets.equations({u_tt - u_xx + of_u, v_tt - 2.0 * v_xx + of_v}));
+  };
+  CHECK_THAT(refused(sin(u - v), cos(u - v)), Contains("the terms sin(u - v) and cos(u - v), without"));
+  CHECK_THAT(refused(u * asin(s), v * asin(s)), Contains("asin(") && Contains("has no integral in closed form"));
+}
+
+TEST_CASE("the term without which the rest has a density is named") {
+  Jets jets({"u"});
+  const auto u = jets(0, {}), u_t = jets(0, {1, 0, 0, 0}), u_tt = jets(0, {2, 0, 0, 0}), u_x = jets(0, {0, 1, 0, 0}),
+             u_xx = jets(0, {0, 2, 0, 0}), u_xxx = jets(0, {0, 3, 0, 0}), u_xxt = jets(0, {1, 2, 0, 0});
+  const auto kdv = u_t + 6.0 * u * u_x + u_xxx;
+  CHECK(refusal(jets.equations({kdv})) == "found");
+  CHECK_THAT(refusal(jets.equations({kdv + 0.1 * u})), Contains("the term 0.1*u, without which") && Contains("\"dx\""));
+  CHECK_THAT(refusal(jets.equations({u_tt - (1.0 + u) * u_xx})), Contains("the term u*u_xx, without"));
+  CHECK_THAT(refusal(jets.equations({u_tt - u_xx + pow(u_t, 3.0)})), Contains("the term u_t*u_t*u_t, without"));
+  CHECK_THAT(refusal(jets.equations({u_t - u_xxt + 4.0 * u * u_x - 3.0 * u_x * u_xx - u * u_xxx})),
+             Contains("all of these terms, nor all but one"));
+}
