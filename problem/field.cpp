@@ -21,6 +21,7 @@
 #include <rubato/problem/complex_parts.hpp>
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/lattice_problem.hpp>
+#include <rubato/problem/mixed_rates.hpp>
 #include <rubato/problem/reader.hpp>
 
 namespace rubato {
@@ -365,6 +366,9 @@ private:
       }
       take_apart(*table->value.table());
       scale(*table->value.table());
+      if (table == initial) {
+        follow(*table->value.table());
+      }
       if (Entry* next = find(*table->value.table(), "next"); next != nullptr && next->value.table() != nullptr) {
         take_apart(*next->value.table());
       }
@@ -372,6 +376,7 @@ private:
     if (initial == nullptr && exact != nullptr && exact->value.table() != nullptr) {
       Entry start{"initial", exact->location, exact->value};
       add_rates(*start.value.table());
+      follow(*start.value.table());
       root.push_back(std::move(start));
     }
     if (!damped_.empty()) {
@@ -461,6 +466,10 @@ private:
       const formula::Expression by_time = formula::derivative(build(text), density_.graph->variable("t"));
       table.push_back({name, of->location, {formula::to_string(by_time), of->value.location}});
     }
+  }
+  void follow(Value::Table& table) {
+    follow_rates(table, {form_.fields, density_.fields, axes_}, *density_.graph,
+                 [this](const FormulaText& text) { return build(text); });
   }
   formula::Expression field(std::size_t f) { return density_.graph->variable(density_.fields[f]); }
   /// Its derivative, of that order.

@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 #include <vector>
 
 #include <fmt/format.h>
 
 #include <rubato/catalogue/catalogue.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
@@ -375,6 +377,27 @@ TEST_CASE("psi is given whole at the start, and [exact] gives the start where [i
   CHECK_THAT(refusal("[initial]\npsi = \"sin(i*x)\""), Contains("p.toml:7:8: ") && Contains("sin of a complex number"));
   CHECK_THAT(refusal("[initial]\npsi = \"sech(x)*exp(j*x)\""), Contains("unknown name 'j'"));
   CHECK_THAT(refusal(""), Contains("there is no [initial]"));
+}
+
+TEST_CASE("u_xt follows from u_t, and has to be its derivative where it is given") {
+  const auto start = [](const std::string& initial) {
+    const Problem problem = parse_problem(
+        "[field]\nequation = \"u_tt - 0.2*u_xxtt + u_xxxx = 0\"\n[grid]\nx = { from = 0, to = \"2*pi\", cells = 17 }\n"
+        "[scheme]\nstep = 0.1\nuntil = 1\n[initial]\nu = \"cos(x)\"\n" +
+            initial,
+        "p.toml");
+    const auto names = problem.multisymplectic()->fields;
+    const auto f = std::ranges::find(names, "u_xt") - names.begin();
+    return make_initial_fields(problem, make_grid(problem)).at(static_cast<std::size_t>(f)).value();
+  };
+  const std::vector<double> follows = start("u_t = \"sin(x)\"");
+  REQUIRE(follows.size() == 17);
+  for (std::size_t i = 0; i < follows.size(); ++i) {
+    CHECK(follows[i] == Approx(std::cos(2.0 * std::numbers::pi * static_cast<double>(i) / 17.0)).margin(1e-13));
+  }
+  CHECK_NOTHROW(start("u_t = \"sin(x)\"\nu_xt = \"cos(x)\""));
+  CHECK_THROWS_WITH(start("u_t = \"sin(x)\"\nu_xt = \"cos(x)+0.1\""),
+                    Contains("p.toml:11:1") && Contains("contradicts u_t"));
 }
 
 TEST_CASE("what a density or an equation lacks is said with its place") {
