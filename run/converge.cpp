@@ -160,6 +160,12 @@ public:
       }
       state = make_jumps(problem).resampled(fields, given, *grid_);
     }
+    if (const auto undefined = std::ranges::find_if_not(state, all_finite); undefined != state.end()) {
+      outcome.status = ExitStatus::failed;
+      outcome.message = fmt::format("with {}: {} is not defined at the end, to which the last step could not be solved",
+                                    which, names_[static_cast<std::size_t>(undefined - state.begin())]);
+      return std::nullopt;
+    }
     for (std::size_t i = state.size(); i < names_.size(); ++i) {
       const std::vector<double> values = read(i);
       state.push_back(values.size() == 1 ? values : grids::resampled(values, make_grid(problem), *grid_));

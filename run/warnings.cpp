@@ -42,10 +42,10 @@ private:
       warnings_.push_back(std::move(sentence));
     }
     if (observed_.undefined_outputs() > 0) {
-      warnings_.push_back(
-          fmt::format("at {} of {} output times something is not defined: a formula of [output.quantities] left its "
-                      "domain, or the step to that time could not be solved",
-                      observed_.undefined_outputs(), observed_.outputs()));
+      warnings_.push_back(fmt::format(
+          "at {} of {} output times something is not defined: {}the step to that time could not be solved",
+          observed_.undefined_outputs(), observed_.outputs(),
+          problem_.output.quantities.empty() ? "" : "a formula of [output.quantities] left its domain, or "));
     }
     const Scheme& scheme = problem_.scheme;
     for (std::string& sentence : statistics_.undefined_quantities()) {

@@ -202,3 +202,23 @@ TEST_CASE("an exact solution that differs by more than the errors of step and gr
   CHECK_FALSE(wrong.quantities[0].explains_exact());
   CHECK_THAT(to_json(wrong), Contains("[exact] does not solve the problem: u differs from it by"));
 }
+
+TEST_CASE("a state at the end that could not be solved for is no good verdict", "[run]") {
+  // Along y u_yt is found in the middle of steps only, and a step that is shortened to the end has no solution.
+  const auto of = [](const std::string& equation) {
+    return converge(
+        parse_problem("[field]\nequation = \"" + equation +
+                          "\"\n[grid]\nx = { from = 0, to = \"2*pi\", cells = 17 }\ny = { from = 0, to = "
+                          "\"2*pi\", cells = 17 }\n[initial]\nu = \"cos(x)*cos(y)\"\n[scheme]\nlagrangian = "
+                          "\"box\"\nstages = 1\nlevels = \"variable\"\nstep = 0.1\nuntil = 1\n",
+                      "t.toml"),
+        std::nullopt);
+  };
+  const ConvergenceOutcome outcome = of("u_t + u_x - u_yyt = 0");
+  CHECK(outcome.status == ExitStatus::failed);
+  CHECK_THAT(outcome.message, Contains("u is not defined at the end"));
+  for (const std::string& warning : outcome.findings.warnings("runs")) {
+    CHECK_THAT(warning, !Contains("[output.quantities]"));  // of which there is none
+  }
+  CHECK(of("u_t + u_x - u_xxt = 0").status == ExitStatus::done);
+}
