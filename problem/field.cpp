@@ -4,6 +4,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <ranges>
 #include <regex>
 #include <set>
 #include <stdexcept>
@@ -189,7 +190,7 @@ private:
       read_fields(fields->value);
     } else {
       for (const std::string& name : fields_in(texts)) {
-        if (psi == nullptr || !is_complex_name(name, pairs_of_psi(*psi).size())) {
+        if (psi == nullptr || (!is_complex_name(name, pairs_of_psi(*psi).size()) && !is_part(name, *psi))) {
           taken_.declare(name, "a field", value.location);
           density_.fields.push_back(name);
         }
@@ -232,12 +233,16 @@ private:
     return count == 1 ? "psi" : fmt::format("psi{}", i + 1);
   }
   static bool is_complex_name(std::string_view name, std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i) {
-      if (name == complex_name(i, count)) {
-        return true;
-      }
-    }
-    return false;
+    return std::ranges::any_of(std::views::iota(std::size_t{0}, count),
+                               [&](std::size_t i) { return name == complex_name(i, count); });
+  }
+  /// One of the fields that `psi` names.
+  static bool is_part(const std::string& name, const Entry& psi) {
+    return std::ranges::any_of(pairs_of_psi(psi), [&name](const Value* pair) {
+      return pair->array() != nullptr && std::ranges::any_of(*pair->array(), [&name](const Value& part) {
+               return part.string() != nullptr && *part.string() == name;
+             });
+    });
   }
   static std::string modulus_name(std::size_t i) {
     return fmt::format("abs2_psi{}_", i == 0 ? "" : fmt::format("{}", i));
@@ -247,6 +252,12 @@ private:
     is_equation_ = true;
     std::string text = read_string(value, "equation");
     const std::size_t sign = at_location(value.location, [&] { return sign_of_equation(text); });
+    static const std::regex of_parenthesis(R"(\)\s*_[txyz]+\b)");
+    if (std::smatch found; std::regex_search(text, found, of_parenthesis)) {
+      throw ProblemError(place_in_file(value.location, 1, static_cast<int>(found.position()) + 1),
+                         "derivatives are of fields: expand that of a parenthesis, (u^2)_xx as 2*u*u_xx + 2*u_x^2, and "
+                         "that of abs2(psi) in the parts p and q, which may stand beside psi");
+    }
     if (!psi_.empty()) {
       name_modulus(text);
     }
