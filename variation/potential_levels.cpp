@@ -101,6 +101,7 @@ Status TimeLevels::solve_with_potential(double guess) {
   bool full = scheme_.solves_fully() || first_miss_ <= tolerance, last_full = false;
   int stalls = 0;
   double slope_ratio = foreseen_slope_ratio();
+  double rate_ratio = slope_ratio;  // of the last move
   bool ratio_is_known = false;
   for (int trial = 0; trial < most_potential_trials; ++trial) {
     if (const Status status = scheme_.advance(side * length, full ? 0.0 : loose); status != Status::success) {
@@ -151,6 +152,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     const double last_place = 0.5 * epsilon * std::abs(slope) * length;
     if (full && (std::abs(miss) <= std::max(enough, last_place) || stagnated)) {
       trial_step_ = h;
+      slope_ratio_ = rate_ratio;
       if (ratio_is_known) {
         slope_ratios_.add(since_ratio_, slope_ratio);
         since_ratio_ = 0.0;
@@ -162,6 +164,8 @@ Status TimeLevels::solve_with_potential(double guess) {
       full = true;  // met already: the same length again, solved to stagnation
       continue;
     }
+    // Newton's moves with a slope that is far off: trials solved to rounding show by how much.
+    full = full || (last_length > 0.0 && std::abs(miss) > slow * std::abs(last_miss));
     best = full ? std::min(best, std::abs(miss)) : best;
     // E_k has one branch that grows with the length to the side of the potential: a root lies between a length that is
     // too short, or short of that branch, and one that is too long. A loosely solved step may show the wrong side of a
@@ -176,6 +180,7 @@ Status TimeLevels::solve_with_potential(double guess) {
     const bool measured =
         is_near && stalls > 0 && full && last_full && secant > 0.0 && std::abs(miss - last_miss) > pair_error;
     const double rate = measured ? secant : slope_ratio * slope;
+    rate_ratio = rate / slope;
     last_length = length;
     last_miss = miss;
     last_slope = slope;

@@ -218,7 +218,7 @@ StepReport TimeLevels::ordinary_step(double guess) {
   StepReport result = report(status, trial_step_);
   if (status == Status::success) {
     const double miss = std::abs(result.energy - result.target);
-    result.condition += miss / std::abs(result.h * result.slope);
+    result.condition = (rounding_ + miss) / std::abs(result.h * result.slope * slope_ratio_);
     if (!(miss <= allowed_miss(result))) {
       result.status = Status::not_converged;
     } else if (!(miss <= largest_miss_of_terms * law_scale_) || !(result.condition <= options_.condition_limit)) {

@@ -189,6 +189,7 @@ private:
   std::optional<double> potential_cost_;
   StepForecast forecast_;       ///< with a step potential
   Extrapolation slope_ratios_;  ///< dE/dh by differences over the scheme's, of steps that reported it
+  double slope_ratio_ = 1.0;    ///< that the last trial was solved with
   double since_ratio_ = 0.0;    ///< the time since the start of the newest of them
   double first_miss_ = std::numeric_limits<double>::infinity();  ///< |E_k - E| of first trials, on the last steps
   double left_of_miss_ = 1.0;  ///< of |E_k - E| after Newton's moves, beyond the tolerance, on the last steps

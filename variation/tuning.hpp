@@ -206,5 +206,7 @@ inline constexpr double loose_energy = 1e-9;
 inline constexpr double last_move = 10.0 * loose_energy;
 /// Differences that stand out from their errors so far show what the scheme's slope is off by, if that is within:
 inline constexpr double standing_out = 1e3, largest_slope_ratio = 1.25;
+/// Newton's moves that leave more of a miss than this part are made with a slope that is far off.
+inline constexpr double slow = 0.5;
 
 }  // namespace rubato::tuning

@@ -138,3 +138,64 @@ TEST_CASE("Where steps that were growing turn unforeseen, a level is looked for 
   }
   CHECK(least_ratio == Approx(0.6).epsilon(0.05));
 }
+
+namespace {
+
+/// K_h = 3 h² η, η = 1 + 1e-6 sin(3t/h), of which dK/dh is known but for a factor.
+class RoughSlope final : public SchemeOfTime {
+public:
+  explicit RoughSlope(double factor) : factor_(factor) {}
+
+  [[nodiscard]] Status advance(double step, double) override {
+    ++trials;
+    h_ = step;
+    return Status::success;
+  }
+  [[nodiscard]] double discrete_energy() const override { return 3.0 * h_ * h_ * eta(); }
+  [[nodiscard]] formula::SumSize energy_size() override { return {.terms = 3.0 * h * h}; }
+  [[nodiscard]] double discrete_energy_slope() const override { return factor_ * 6.0 * h_ * eta(); }
+  [[nodiscard]] bool slope_to_leading_order() const override { return true; }
+
+  int trials = 0;
+
+private:
+  [[nodiscard]] double eta() const { return 1.0 + 1e-6 * std::sin(3.0 * time / h); }
+
+  double factor_;
+};
+
+struct Solved {
+  int off_law = 0;
+  double trials = 0.0;                                         ///< a step
+  double condition = std::numeric_limits<double>::infinity();  ///< the least
+};
+
+Solved solved_with(double factor) {
+  constexpr int steps = 50;
+  RoughSlope scheme(factor);
+  TimeLevels levels(scheme, options_with_potential(), 0.0, h);
+  Solved result;
+  for (int k = 0; k < steps; ++k) {
+    const StepReport step = levels.step();
+    REQUIRE(step.status == Status::success);
+    result.off_law += step.off_law ? 1 : 0;
+    result.condition = k > 0 ? std::min(result.condition, step.condition) : result.condition;
+  }
+  result.trials = static_cast<double>(scheme.trials) / steps;
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("Where the slope of a scheme is far off, trials show it: the law is met, and h as well known as it says") {
+  const Solved right = solved_with(1.0), steep = solved_with(7.0), flat = solved_with(1.0 / 7.0);
+  INFO(right.condition << " " << steep.condition << " " << flat.condition << " " << steep.trials << " " << flat.trials);
+  CHECK(right.off_law == 0);
+  CHECK(steep.off_law == 0);
+  CHECK(flat.off_law == 0);
+  // Newton's moves with the slope as stated would leave a miss of 1 - 1/7 of the last: twenty of them.
+  CHECK(steep.trials < 3.0 * right.trials);
+  // The same E_k of the same rounding errors.
+  CHECK(steep.condition == Approx(right.condition).epsilon(0.25));
+  CHECK(flat.condition == Approx(right.condition).epsilon(0.25));
+}
