@@ -45,7 +45,8 @@ def plot(result, what=None, *, axes=None, name=None, x=None, y=None):
     drawers = {"orbit": _orbit, "energy": _energy, "steps": _steps, "section": _section, "map": _map, "field": _field,
                "laws": _laws}
     what = what or kinds(result)[0]
-    if what not in drawers:
+    on_lattice = bool(result._problem.axes)
+    if what not in drawers or (what in ("map", "field") and not on_lattice) or (what == "orbit" and on_lattice):
         raise ValueError(f"there is no picture {what!r}; of this result there are {', '.join(kinds(result))}")
     _, axes = _figure(axes)
     drawers[what](result, axes, name=name, x=x, y=y)

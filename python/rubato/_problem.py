@@ -114,7 +114,9 @@ def _started(initial: dict, start: float) -> dict:
 
 
 def _scheme_table(system, scheme, stages, levels, step, end) -> dict:
-    if scheme is None and isinstance(system, Hamiltonian):
+    # Of constraints of an H Gauss's scheme knows nothing.
+    if scheme is None and (isinstance(system, Lagrangian) or
+                           isinstance(system, Hamiltonian) and not system._constraints):
         scheme = "gauss"
     if stages is None and scheme == "gauss":
         stages = 3

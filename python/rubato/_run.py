@@ -137,7 +137,8 @@ def integrate(system, initial=None, t_span=None, *, step=None, scheme=None, stag
     step : float
         The first step; "auto" chooses it for the keyword `energy_tolerance`.
     scheme : str
-        "gauss" (of Hamiltonians, with 3 stages, order 6, unless `stages` says otherwise), "midpoint", "splitting", ...
+        "gauss" (the default of orbits, with 3 stages, order 6, unless `stages` says otherwise; of an H with
+        constraints it is "midpoint"), "midpoint", "splitting", ...
     levels : {"variable", "fixed"}
     t_eval : array, optional
         Times of the states that come back; otherwise those of the levels.

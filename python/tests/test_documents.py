@@ -142,6 +142,11 @@ class Documents(unittest.TestCase):
         self.assertTrue(rb.converge("pendulum", until=2).plot().has_data())
         with self.assertRaisesRegex(ValueError, "orbit"):
             orbit.plot("nothing")
+        for what in ("map", "field"):
+            with self.assertRaisesRegex(ValueError, "orbit"):
+                orbit.plot(what)
+        with self.assertRaisesRegex(ValueError, "field"):
+            plane.plot("orbit")
 
 
 if __name__ == "__main__":

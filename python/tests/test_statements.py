@@ -172,6 +172,8 @@ class Constraints(unittest.TestCase):
         result = rb.integrate(rod, [0.6, -0.8, 0.8, 0.6], (0, 10), step=0.1, scheme="splitting")
         self.assertTrue(result.success)
         self.assertLess(np.abs(result.y[0] ** 2 + result.y[1] ** 2 - 1).max(), 1e-14)
+        by_default = rb.integrate(rod, [0.6, -0.8, 0.8, 0.6], (0, 1), step=0.1)
+        self.assertLess(np.abs(by_default.y[0] ** 2 + by_default.y[1] ** 2 - 1).max(), 1e-14)
         free = rb.Hamiltonian("x y", "a b", "(a^2 + b^2)/2 + y")
         falling = rb.integrate(free, [0.6, -0.8, 0.8, 0.6], (0, 10), step=0.1, scheme="splitting")
         self.assertGreater(np.abs(falling.y[0] ** 2 + falling.y[1] ** 2 - 1).max(), 1)
