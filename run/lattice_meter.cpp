@@ -45,6 +45,7 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
   for (int f = 0; f < system.field_count(); ++f) {
     moves_.push_back(!system.M().row(f).isZero() && !system.structure().at_midpoints(f));
   }
+  is_driven_ = problem.multisymplectic()->has_drives();
   const Scheme& scheme = problem.scheme;
   const bool by_waves = scheme.method == "fourier" || (scheme.method == "splitting" && scheme.space == "fourier");
   // Differences of neighbours on a spacing of 1 are the equation of a chain.
@@ -242,7 +243,13 @@ void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const Eige
 
 void LatticeMeter::measure_period(const LatticeLevel& level, double t, bool is_start, figures::Measures& measures) {
   const auto look_at = [&](std::span<const double> values) {
-    if (const auto broken = find_seam_break(grid_, values)) {
+    const auto broken = find_seam_break(grid_, values);
+    const auto is_driven = [this](int axis) {
+      const grids::Axis& along = grid_.axis(axis);
+      return is_driven_ && (along.left != grids::End::periodic || along.mirrored > 0);
+    };
+    // A wall that drives a field is no mirror of it, so that nothing has to close there.
+    if (broken && !is_driven(broken->axis)) {
       const double slope = broken->jump ? 1.0 : grid_.spacing(broken->axis);
       const double share = std::abs(broken->across) * slope / grids::max_abs(values);
       measures.period = measures.period >= share ? measures.period : share;

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/catalogue/catalogue.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
@@ -107,6 +108,19 @@ TEST_CASE("walls that move as a breather lead it with the order of the scheme, a
             {}, with(driven_breather, "right = { u = \"breather\" }", "right = { u = \"breather + (t - 0.5)/4\" }"))
             .statistics.errors.front()
             .value.largest() > 0.1);
+}
+
+TEST_CASE("data between driven walls have nothing to close on, as those of a ring have") {
+  const auto period_of = [](const Problem& problem) {
+    const auto found = run(problem, {.threads = 1}).judgement.reasons;
+    return std::ranges::count(found, figures::ReasonKind::period, &figures::Reason::kind);
+  };
+  CHECK(period_of(read_problem("driven-end")) == 0);
+  // The twin: the same half of a breather on a ring.
+  std::string ring(std::ranges::find(catalogue::entries(), "driven-end", &catalogue::Entry::name)->text);
+  const std::size_t walls = ring.find(", left ="), end = ring.find('\n', walls);
+  ring.replace(walls, end - walls, " }");
+  CHECK(period_of(parse_problem(ring, "ring.toml")) == 1);
 }
 
 TEST_CASE("a wall gives a plane values that depend on the place along it") {
