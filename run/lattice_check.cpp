@@ -575,21 +575,24 @@ private:
         return allowed[i];
       };
     };
-    const double others = levels_.potential_of(step) + lost_at(step);
+    const double taken = loss_ ? loss_->of_step(before_, after_, h) : 0.0, work = work_ ? law.work : 0.0;
+    // Where rows are of some levels only, none is of the level before: what is lost there follows from the next.
+    const bool in_turn = levels_.complete();
+    const double others = levels_.potential_of(step) + (in_turn ? lost_at(step) : lost_at(step + 1) - taken + work);
     findings_.compare(
         "/levels/energy", step, {}, energy_.at(step), law.energy + others,
         [&] { return tolerance(0)() + Rounding::of_sum(law.energy, others); }, "from the states around the step");
-    if (loss_) {
-      const double before = lost_at(step), taken = loss_->of_step(before_, after_, h);
+    if (loss_ && in_turn) {
+      const double before = lost_at(step);
       findings_.compare(
           lost_->path(), step + 1, {}, lost_->at(step + 1), before + taken,
           [&] { return tolerance(0)() + tolerance(2)() + Rounding::of_sum(before, law.energy); },
           "what the sponge takes from the states around the step");
     }
-    if (work_) {
+    if (work_ && in_turn) {
       const double before = work_->at(step);
       findings_.compare(
-          work_->path(), step + 1, {}, work_->at(step + 1), before + law.work,
+          work_->path(), step + 1, {}, work_->at(step + 1), before + work,
           [&] { return tolerance(0)() + Rounding::of_sum(before, law.energy); },
           "the work of the walls by the states around the step");
     }
