@@ -202,7 +202,8 @@ SumSize SumSizeEvaluator::operator()(std::span<const double> inputs, std::span<c
   }
   return {.terms = std::max(std::abs(sum), part_that_counts * terms),
           .cancelled = part_that_counts * std::max(terms - std::abs(sum), 0.0),
-          .rounding = unit * (std::isfinite(bound) ? bound : terms)};
+          .rounding = unit * (std::isfinite(bound) ? bound : terms),
+          .magnitudes = terms};
 }
 
 SumSize SumSizeEvaluator::operator()(std::span<const double> inputs) {

@@ -37,9 +37,10 @@ private:
 
 /// How large a sum is at a point, and its rounding error.
 struct SumSize {
-  double terms = 0.0;      ///< |sum|, or 3 % of the sum of the magnitudes of its terms where that is more
-  double cancelled = 0.0;  ///< 3 % of what cancels in the sum, Σ|terms| - |sum|
-  double rounding = 0.0;   ///< bound of the sum's error, absolute
+  double terms = 0.0;       ///< |sum|, or 3 % of the sum of the magnitudes of its terms where that is more
+  double cancelled = 0.0;   ///< 3 % of what cancels in the sum, Σ|terms| - |sum|
+  double rounding = 0.0;    ///< bound of the sum's error, absolute
+  double magnitudes = 0.0;  ///< Σ|terms|
 };
 
 /// Code for a SumSizeEvaluator: the sum, then its terms. `inputs`: variables of its graph.

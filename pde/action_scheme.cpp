@@ -12,6 +12,7 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/wall_ghosts.hpp>
 
@@ -201,8 +202,11 @@ public:
 
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] formula::SumSize energy_size() override {
-    return tried_ ? map_.step().energy_size(trial_h_, level_, trial_)
-                  : map_.step().energy_size(last_h_, is_its_level() ? level_ : previous_, level_.fields);
+    formula::SumSize size = tried_
+                                ? map_.step().energy_size(trial_h_, level_, trial_)
+                                : map_.step().energy_size(last_h_, is_its_level() ? level_ : previous_, level_.fields);
+    EnergyFloor(system_, grid_).raise(size, std::as_const(level_.fields).pointers());
+    return size;
   }
   [[nodiscard]] std::size_t energy_size_period() const override { return tuning::large_size_period; }
   /// Where steps find 𝓔 of their levels: E - 𝓔 = (s+1) h^s η + O(h^(s+1)) at both ends with signs that agree (theory,

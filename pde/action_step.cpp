@@ -456,7 +456,8 @@ formula::SumSize ActionStep::energy_size(double h, const LatticeLevel& before, c
   const double spread = volume_ * std::sqrt(size_.sums()[2]);
   return {.terms = std::max(sum, formula::part_that_counts * magnitudes),
           .cancelled = formula::part_that_counts * std::max(magnitudes - sum, 0.0),
-          .rounding = tuning::action_step::roundings * 0.5 * epsilon * (spread + sum)};
+          .rounding = tuning::action_step::roundings * 0.5 * epsilon * (spread + sum),
+          .magnitudes = magnitudes};
 }
 
 bool ActionStep::solve_linear(NodeCode& right, double h, const LatticeLevel& before, const FieldSet& kept,

@@ -164,7 +164,8 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
   const double summing = std::numeric_limits<double>::epsilon() * magnitudes / std::sqrt(pieces);
   return {.terms = s.volume * terms,
           .cancelled = s.volume * terms,
-          .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing)};
+          .rounding = s.volume * (std::min(sum, 4.0 * std::sqrt(squares)) + summing),
+          .magnitudes = s.volume * magnitudes};
 }
 
 }  // namespace rubato

@@ -12,6 +12,7 @@
 #include <rubato/pde/corner_energy.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
+#include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/step_equation.hpp>
 
@@ -41,6 +42,7 @@ public:
     if (size_age_ >= size_period) {
       size_of_energy_ = sweep_.energy_size(point_of(level().fields), level_.slopes, terms_at_start_);
       size_of_energy_.rounding *= stage_rounding;
+      EnergyFloor(system_, grid_).raise(size_of_energy_, point_);
       size_age_ = 0;
     }
     return size_of_energy_;

@@ -19,6 +19,7 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
+#include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/newton_contraction.hpp>
 #include <rubato/pde/row_rounding.hpp>
 #include <rubato/pde/shared_slopes.hpp>
@@ -163,6 +164,7 @@ public:
       const grids::FieldSet& point = point_;
       make_point(0.5);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
+      EnergyFloor(system_, grid_).raise(size_of_energy_, point.pointers());
       size_age_ = 0;
     }
     return size_of_energy_;

@@ -75,7 +75,10 @@ public:
   [[nodiscard]] double discrete_energy() const override { return scheme_->discrete_energy() / copies(); }
   [[nodiscard]] formula::SumSize energy_size() override {
     const formula::SumSize size = scheme_->energy_size();
-    return {size.terms / copies(), size.cancelled / copies(), size.rounding / copies()};
+    return {.terms = size.terms / copies(),
+            .cancelled = size.cancelled / copies(),
+            .rounding = size.rounding / copies(),
+            .magnitudes = size.magnitudes / copies()};
   }
   [[nodiscard]] std::size_t energy_size_period() const override { return scheme_->energy_size_period(); }
   [[nodiscard]] double discrete_energy_slope() const override { return scheme_->discrete_energy_slope() / copies(); }

@@ -6,6 +6,7 @@
 #include <rubato/base/larger.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
+#include <rubato/pde/natural_sizes.hpp>
 
 namespace rubato {
 
@@ -78,10 +79,20 @@ RowRounding::Sizes RowRounding::operator()(const Values& values, double inverse_
       }
     }
   }
-  Sizes bounds = terms;
+  Eigen::MatrixXd A(fields_, fields_);
   for (std::size_t i = 0; i < fields_; ++i) {
     for (std::size_t j = 0; j < fields_; ++j) {
-      bounds[i] += (2.0 * M_over_h(i, j) + B[i][j]) * carried[j];
+      A(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = 2.0 * M_over_h(i, j) + B[i][j];
+    }
+  }
+  const std::vector<double> natural = natural_sizes(A);
+  const double largest = largest_in(natural, carried);
+  Sizes bounds = terms;
+  for (std::size_t j = 0; j < fields_; ++j) {
+    const double of_others = natural[j] * largest;
+    const double carries = carried[j] < rounding_beside_others * of_others ? of_others : carried[j];
+    for (std::size_t i = 0; i < fields_; ++i) {
+      bounds[i] += A(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) * carries;
     }
   }
   return bounds;

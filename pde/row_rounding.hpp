@@ -42,7 +42,9 @@ private:
 ///
 /// with g_i what the evaluation of ∂S/∂z_i rounds at beyond that (0 unless it was measured), B = Σ |K_a| 2/Δx_a +
 /// |S''|, A = 2|M|/h + B, and the largest values over the grid. X_j is the largest change of field j that rounding of
-/// any row may cause, over ε. Other units change b_i as they change R_i.
+/// any row may cause, over ε. Elimination mixes rows of fields that do not act on each other, too: where X_j is next to
+/// nothing beside D_j max_k X_k/D_k, with the natural sizes D by A (natural_sizes.hpp), it is that. Other units change
+/// b_i as they change R_i.
 class RowRounding {
 public:
   RowRounding(const MultisymplecticSystem& system, const grids::Grid& grid);

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <numbers>
 
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/twists.hpp>
 #include <rubato/pde/well_posedness.hpp>
@@ -115,28 +117,30 @@ std::vector<double> LatticeMeter::powers_along(int axis, std::span<const double>
 
 /// S'' at the state whose fields have their root mean squares, in the middle of the domain.
 Eigen::MatrixXd LatticeMeter::hessian_of(const std::vector<Spectrum>& spectra) const {
-  std::vector<double> point;
+  std::vector<double> sizes;
   const auto nodes = static_cast<double>(grid_.size());
   for (const Spectrum& spectrum : spectra) {
-    point.push_back(std::sqrt(spectrum.mean + spectrum.power) / nodes);
+    sizes.push_back(std::sqrt(spectrum.mean + spectrum.power) / nodes);
   }
-  for (const int axis : system_.coordinates()) {
-    point.push_back(0.5 * (grid_.axis(axis).from + grid_.axis(axis).to));
-  }
-  Eigen::MatrixXd hessian = system_.hessian(point);
-  return hessian.allFinite() ? hessian : system_.constant_hessian();
+  return hessian_of_sizes(system_, grid_, sizes);
 }
 
-/// The waves of a field that is constant but for rounding, its own and that of the fields that it turns with, are none.
+/// The waves of a field that is constant but for rounding, its own and that of the fields that it turns with, are none;
+/// nor are those of a field that is 0 but for the rounding of others.
 void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra) const {
   const std::vector<Spectrum> all = spectra;
+  const std::vector<double> natural = natural_sizes(system_, grid_, hessian_of(spectra));
+  std::vector<double> waves;
+  std::ranges::transform(all, std::back_inserter(waves), [](const Spectrum& one) { return std::sqrt(one.power); });
+  const double largest = largest_in(natural, waves);
   for (int f = 0; f < system_.field_count(); ++f) {
     double size = 0.0;
     for (const int partner : mixed_fields(system_.turns(), f)) {
       size += all[static_cast<std::size_t>(partner)].mean + all[static_cast<std::size_t>(partner)].power;
     }
     Spectrum& spectrum = spectra[static_cast<std::size_t>(f)];
-    if (!(spectrum.power > least_power * size)) {
+    const double of_others = rounding_beside_others * largest * natural[static_cast<std::size_t>(f)];
+    if (!(spectrum.power > std::max(least_power * size, of_others * of_others))) {
       spectrum.power = spectrum.last = spectrum.alternating = 0.0;
       for (std::vector<double>& along : spectrum.along) {
         std::ranges::fill(along, 0.0);

@@ -12,6 +12,7 @@
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/natural_sizes.hpp>
 
 namespace rubato {
 
@@ -52,7 +53,10 @@ public:
   /// Levels are fixed: nothing is solved to it.
   [[nodiscard]] formula::SumSize energy_size() override {
     const double size = std::abs(here_.energy);
-    return {.terms = size, .rounding = std::numeric_limits<double>::epsilon() * size};
+    formula::SumSize found{
+        .terms = size, .rounding = std::numeric_limits<double>::epsilon() * size, .magnitudes = size};
+    EnergyFloor(system_, grid_).raise(found, std::as_const(level_.fields).pointers());
+    return found;
   }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool has_gamma() const override { return false; }

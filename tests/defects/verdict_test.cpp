@@ -103,6 +103,32 @@ TEST_CASE("a lost result is found, its status is 7, and its sound twin is good")
   CHECK(good.status == ExitStatus::done);
 }
 
+TEST_CASE("fields and an energy of the size of rounding errors are not judged, and levels vary with none") {
+  // A plane wave along x, of one polarisation. The density E·curl E + H·curl H vanishes, and so do four of six fields,
+  // but for rounding errors, whose spectrum is full and whose energy strays by itself.
+  const auto scheme = GENERATE(as<std::string>{}, "box", "fourier", "splitting");
+  const auto levels = GENERATE(as<std::string>{}, "fixed", "variable");
+  INFO(scheme << ", " << levels);
+  const Folder folder;
+  const Settings settings = {"scheme.lagrangian=" + scheme, "scheme.levels=" + levels};
+  const Outcome good = run_file(folder, "plane-wave-of-energy-0", settings);
+  INFO(figures::text_of(good.judgement));
+  CHECK(good.status == ExitStatus::done);
+  CHECK(good.judgement.verdict == Verdict::good);
+  CHECK(good.statistics.steps == 40);
+  CHECK(good.statistics.off_law_steps == 0);
+  CHECK_FALSE(good.statistics.has_energy_scale());
+  CHECK(check(folder / "record.h5").status == ExitStatus::done);
+
+  // The twin: the other polarisation is as small as 1e-6 of the first, no rounding error, and in the shortest waves.
+  Settings twin = settings;
+  twin.emplace_back("initial.H2=\"1e-6*sin(7*x)\"");
+  twin.emplace_back("scheme.until=1");
+  const Outcome bad = run_file(folder, "plane-wave-of-energy-0", twin);
+  INFO(figures::text_of(bad.judgement));
+  CHECK(has(bad.judgement, ReasonKind::spectrum));
+}
+
 TEST_CASE("thirty good runs are good, and thirty bad ones are not or end early", "[long]") {
   const bool are_good = GENERATE(true, false);
   const auto problems = problems_in(are_good ? "verdict-good.txt" : "verdict-bad.txt");
