@@ -257,16 +257,29 @@ void Statistics::visit(Self& self, Visitor&& visitor) {
   }
 }
 
+template <typename Self, typename Visitor>
+void Statistics::visit_later(Self& self, Visitor&& visitor) {
+  for (auto& [name, value] : self.events) {
+    visitor(value.returned);
+  }
+}
+
 std::string growth_path(std::string_view name) {
   return fmt::format("/tangents/growth_{}", name);
 }
 
 void Statistics::save(StateWriter& state) const {
-  visit(*this, [&state](const auto& value) { state.write(static_cast<double>(value)); });
+  const auto write = [&state](const auto& value) { state.write(static_cast<double>(value)); };
+  visit(*this, write);
+  visit_later(*this, write);
 }
 
 void Statistics::restore(StateReader& state) {
-  visit(*this, [&state]<typename T>(T& value) {
+  restore(state, true);
+}
+
+void Statistics::restore(StateReader& state, bool all) {
+  const auto read = [&state]<typename T>(T& value) {
     const double number = state.read();
     if constexpr (std::is_same_v<T, std::size_t>) {
       constexpr double most = 0x1p53;  // from there on doubles are not all whole numbers
@@ -274,7 +287,11 @@ void Statistics::restore(StateReader& state) {
     } else {
       value = static_cast<T>(number);
     }
-  });
+  };
+  visit(*this, read);
+  if (all || !state.done()) {
+    visit_later(*this, read);
+  }
 }
 
 std::vector<double> Statistics::values() const {
@@ -321,7 +338,7 @@ Statistics Statistics::of(std::span<const double> values, std::string_view names
   statistics.name(names[0], names[1], names[2], names[3], names[4]);
   StateReader state{values};
   statistics.laws_every = static_cast<std::size_t>(std::fmin(std::fmax(state.read(), 0.0), 0x1p53));
-  statistics.restore(state);
+  statistics.restore(state, false);
   if (!state.done()) {
     throw std::invalid_argument("saved statistics are longer than their names say");
   }

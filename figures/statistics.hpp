@@ -111,6 +111,7 @@ struct EventFigures {
   std::size_t jumps = 0;                                      ///< steps in which it jumped through zero
   std::size_t several = 0;                                    ///< steps with more than one crossing
   std::size_t incomplete = 0;                                 ///< crossings at which a quantity was not defined
+  std::size_t returned = 0;  ///< first steps that leave its zero and end beyond it, without a crossing
 
   void add(double t, bool stops, bool defined) {
     first = count == 0 ? t : first;
@@ -119,11 +120,13 @@ struct EventFigures {
     ++count;
     incomplete += defined ? 0 : 1;
   }
-  /// `missed`: 0, 1 where it is not defined, 2 where it jumps, 3 where it crosses several times.
+  /// `missed`: 0, 1 where it is not defined, 2 where it jumps, 3 where it crosses several times, 4 where it leaves zero
+  /// and ends beyond it.
   void add_step(int missed) {
     undefined += missed == 1 ? 1 : 0;
     jumps += missed == 2 ? 1 : 0;
     several += missed == 3 ? 1 : 0;
+    returned += missed == 4 ? 1 : 0;
   }
   [[nodiscard]] bool stops() const { return stopped == stopped; }
 };
@@ -265,6 +268,10 @@ private:
 
   template <typename Self, typename Visitor>
   static void visit(Self& self, Visitor&& visitor);
+  /// What records of earlier versions have not: it is saved last.
+  template <typename Self, typename Visitor>
+  static void visit_later(Self& self, Visitor&& visitor);
+  void restore(StateReader& state, bool all);
 };
 
 }  // namespace rubato::figures

@@ -70,8 +70,10 @@ JsonObject json(const Deviation& deviation) {
 JsonObject json(const EventFigures& event) {
   JsonObject object;
   object.count("count", event.count).number("first", event.first).number("last", event.last);
-  for (const auto& [key, value] :
-       {std::pair("undefined", event.undefined), std::pair("jumps", event.jumps), {"incomplete", event.incomplete}}) {
+  for (const auto& [key, value] : {std::pair("undefined", event.undefined),
+                                   std::pair("jumps", event.jumps),
+                                   {"incomplete", event.incomplete},
+                                   {"returned", event.returned}}) {
     if (value > 0) {
       object.count(key, value);
     }

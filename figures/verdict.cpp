@@ -39,6 +39,8 @@ public:
     judge_period();
     judge_exact();
     judge_resolution();
+    judge_events();
+    judge_end();
     for (const Reason& reason : result_.reasons) {
       result_.verdict = std::max(result_.verdict, reason.verdict);
     }
@@ -146,6 +148,32 @@ private:
                                   "(at t = {:.6g})",
                                   measures_.turn, measures_.turn_t),
            .remedy = fmt::format("take at least {:.2g} steps per turn", measures_.turn_least)});
+    }
+  }
+
+  void judge_events() {
+    for (const auto& [name, event] : statistics_.events) {
+      if (event.returned > 0) {
+        add({.kind = ReasonKind::event,
+             .verdict = Verdict::doubtful,
+             .value = static_cast<double>(event.returned),
+             .finding = fmt::format("event {} starts at its zero and has returned through it within the first step, "
+                                    "unseen",
+                                    name),
+             .remedy = "take a smaller step, or end the run there"});
+      }
+    }
+  }
+
+  void judge_end() {
+    if (!std::isnan(measures_.end)) {
+      add({.kind = ReasonKind::end,
+           .verdict = Verdict::doubtful,
+           .value = measures_.end,
+           .finding =
+               fmt::format("the run failed at t = {:.6g}, before until = {:.6g}, and its figures hold up to there",
+                           measures_.end, measures_.end_wanted),
+           .remedy = "take the remedy that its message names, or end it before"});
     }
   }
 

@@ -50,6 +50,8 @@ public:
   [[nodiscard]] const std::vector<Crossing>& crossings(std::size_t event) const { return *events_[event].found; }
   /// True if g was not a number somewhere in the step.
   [[nodiscard]] bool undefined(std::size_t event) const { return events_[event].search.undefined(); }
+  /// True if a crossing of the step, the first one, was missed (CrossingSearch).
+  [[nodiscard]] bool left_and_returned(std::size_t event) const { return events_[event].search.left_and_returned(); }
   /// g at the last state that was looked at by begin().
   [[nodiscard]] double value_at_start(std::size_t event) const { return events_[event].first; }
   /// z at a fraction of a step. Not a number where it cannot be reported. Valid until the next call.

@@ -125,7 +125,10 @@ public:
         exact_.emplace_back(error.name, error.value.largest());
       }
     }
-    outcome.findings.add(0, which, run.warnings, run.judgement, run.complete);
+    outcome.findings.add(0, which, run.warnings, run.judgement,
+                         run.complete             ? RunEnd::complete
+                         : has_failed(run.status) ? RunEnd::failed
+                                                  : RunEnd::interrupted);
     if (!run.complete) {
       outcome.status = run.status;
       outcome.message = fmt::format("with {}: {}", which, run.message);

@@ -397,7 +397,8 @@ private:
     if (recorder_) {
       recorder_->writer().end_level();
     }
-    outcome_.findings.add(member, "", result.warnings, result.judgement, is_end(result.status));
+    outcome_.findings.add(member, "", result.warnings, result.judgement,
+                          is_end(result.status) ? RunEnd::complete : RunEnd::failed);
     write(result.status, result.message, std::move(result.figures));
   }
   /// Whether a run with this status reached its end.
@@ -509,7 +510,7 @@ private:
     }
     for (std::size_t m = 0; m < members; ++m) {
       outcome_.findings.add_verdict(static_cast<figures::Verdict>(verdicts.at(m)),
-                                    is_end(static_cast<ExitStatus>(status[m])));
+                                    is_end(static_cast<ExitStatus>(status[m])) ? RunEnd::complete : RunEnd::failed);
       std::vector<double> figures;
       for (const std::vector<double>& column : columns) {
         figures.push_back(column.at(m));

@@ -295,7 +295,7 @@ private:
     return watched.stopped() ? SplittingLanes::Verdict::end : SplittingLanes::Verdict::go_on;
   }
 
-  /// Nothing where the node energy strays so far that the run has to be judged by measures taken along it.
+  /// Nothing where the node energy strays so far, or a crossing was missed, that the run has to be judged by itself.
   [[nodiscard]] std::optional<MemberResult> result(std::size_t place, const SplittingLanes::Start& start,
                                                    const SplittingLanes::End& end,
                                                    const std::vector<std::string>& names) const {
@@ -303,7 +303,10 @@ private:
         statistics_of(start, end, lanes_->has_gamma(), static_cast<std::size_t>(problem_.laws.every), invariants_);
     constexpr double clearly_good = 1e-3;
     const std::optional<double> strays = statistics.relative(statistics.node_energy.max());
-    if (!strays || !(*strays < clearly_good)) {
+    const bool missed = !watched_.empty() && std::ranges::any_of(watched_[place]->figures, [](const auto& event) {
+      return event.value.returned > 0;
+    });
+    if (!strays || !(*strays < clearly_good) || missed) {
       return std::nullopt;
     }
     MemberResult result;

@@ -103,6 +103,9 @@ private:
     } catch (const record::NotFinite&) {
       result_.status = ExitStatus::failed;
     }
+    if (has_failed(result_.status)) {
+      observed_.meter().end_early(simulation().t(), problem_.scheme.until);
+    }
     const figures::Statistics statistics = observed_.final_statistics();
     result_.warnings = simulation().cautions();
     for (std::string& sentence : warnings_of(problem_, observed_, statistics)) {

@@ -30,12 +30,13 @@ void EventWriter::describe(record::Layout& layout) {
     const StatedEvent& event = problem_.events[i];
     Columns& columns = columns_[i];
     const std::string at = group(i), t = at + "/t";
-    columns.missed = layout.add({at + "/missed",
-                                 "/levels/step",
-                                 {},
-                                 Type::u8,
-                                 "1 on steps in which the formula is not defined, 2 on those in which it jumps through "
-                                 "zero, 3 on those with several crossings"});
+    columns.missed =
+        layout.add({at + "/missed",
+                    "/levels/step",
+                    {},
+                    Type::u8,
+                    "1 on steps in which the formula is not defined, 2 on those in which it jumps through "
+                    "zero, 3 on those with several crossings, 4 on a first one that leaves zero and ends beyond it"});
     columns.t = layout.add({t, t, {}, Type::f64, "times of the crossings, by dense output"});
     columns.direction = layout.add({at + "/direction", t, {}, Type::i32, "1 up, -1 down, in the direction of the run"});
     if (event.stop_after > 0) {
@@ -86,7 +87,11 @@ void EventWriter::append_again(RowSink& sink, const OutputStep& step, std::span<
         ++crossings;
       }
     }
-    const int missed = finder_->undefined(i) ? 1 : jumps ? 2 : crossings > 1 ? 3 : 0;
+    const int missed = finder_->undefined(i)           ? 1
+                       : jumps                         ? 2
+                       : crossings > 1                 ? 3
+                       : finder_->left_and_returned(i) ? 4
+                                                       : 0;
     sink.append(columns_[i].missed, missed);
     figures[i].value.add_step(missed);
   }

@@ -34,6 +34,7 @@ public:
   ///@{
   [[nodiscard]] virtual const std::vector<Crossing>& crossings(std::size_t event) const = 0;
   [[nodiscard]] virtual bool undefined(std::size_t event) const = 0;
+  [[nodiscard]] virtual bool left_and_returned(std::size_t event) const = 0;
   ///@}
 
   /// The time at a fraction of a step that users read.

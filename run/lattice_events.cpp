@@ -102,6 +102,9 @@ public:
     return *events_[event].found;
   }
   [[nodiscard]] bool undefined(std::size_t event) const override { return events_[event].search().undefined(); }
+  [[nodiscard]] bool left_and_returned(std::size_t event) const override {
+    return events_[event].search().left_and_returned();
+  }
 
   void describe(std::size_t /*event*/, const std::string& /*group*/, record::Layout& /*layout*/) override {}
   void append(RowSink& /*sink*/, std::size_t /*event*/, const OutputStep& step, double fraction) override {

@@ -65,7 +65,7 @@ Number number_of(const std::string& text) {
 }  // namespace
 
 void MemberVerdicts::add(std::size_t number, const std::string& label, const std::vector<std::string>& warnings,
-                         const figures::Judgement& judgement, bool ended) {
+                         const figures::Judgement& judgement, RunEnd end) {
   const std::string which = label.empty() ? fmt::format("{}", number) : label;
   std::vector<std::string> seen;  // a run counts once
   for (const std::string& sentence : warnings) {
@@ -89,7 +89,7 @@ void MemberVerdicts::add(std::size_t number, const std::string& label, const std
       found->which = which;
     }
   }
-  add_verdict(judgement.verdict, ended);
+  add_verdict(judgement.verdict, end);
 }
 
 void MemberVerdicts::add_warning(const std::string& which, const std::string& sentence) {
@@ -102,9 +102,16 @@ void MemberVerdicts::add_warning(const std::string& which, const std::string& se
   }
 }
 
-void MemberVerdicts::add_verdict(Verdict verdict, bool ended) {
+void MemberVerdicts::add_verdict(Verdict verdict, RunEnd end) {
   ++runs_;
-  verdicts_[static_cast<std::size_t>(verdict)] += ended ? 1 : 0;
+  if (end == RunEnd::interrupted) {
+    return;
+  }
+  ++verdicts_[static_cast<std::size_t>(verdict)];
+  if (end == RunEnd::complete) {
+    ++complete_;
+    complete_lost_ += verdict == Verdict::lost ? 1 : 0;
+  }
 }
 
 Verdict MemberVerdicts::verdict() const {
@@ -113,7 +120,7 @@ Verdict MemberVerdicts::verdict() const {
 }
 
 bool MemberVerdicts::all_lost() const {
-  return verdicts_[2] > 0 && verdicts_[0] == 0 && verdicts_[1] == 0;
+  return complete_ > 0 && complete_lost_ == complete_;
 }
 
 std::vector<std::string> MemberVerdicts::warnings(std::string_view plural) const {

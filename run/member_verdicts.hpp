@@ -11,20 +11,23 @@
 
 namespace rubato {
 
+/// How a run ended: at its end, by a failure before that, or as it was told to.
+enum class RunEnd { complete, failed, interrupted };
+
 /// The warnings and verdicts of many runs, gathered: the members of an ensemble, or the runs of `converge`. Warnings
 /// that differ in their numbers only are one.
 class MemberVerdicts {
 public:
-  /// A run in the order of their numbers. \param label how a person recognises it; empty: by its number \param ended
-  /// whether it reached its end: only then its verdict counts
+  /// A run in the order of their numbers. \param label how a person recognises it; empty: by its number \param end the
+  /// verdict of a run that was interrupted does not count
   void add(std::size_t number, const std::string& label, const std::vector<std::string>& warnings,
-           const figures::Judgement& judgement, bool ended);
+           const figures::Judgement& judgement, RunEnd end);
   /// A warning of a run that was added before.
   void add_warning(const std::string& which, const std::string& sentence);
   /// A run whose warnings and reasons restore() has brought already.
-  void add_verdict(figures::Verdict verdict, bool ended);
+  void add_verdict(figures::Verdict verdict, RunEnd end);
 
-  /// The worst verdict of those that reached their end; good if none did.
+  /// The worst verdict; good if there is none.
   [[nodiscard]] figures::Verdict verdict() const;
   /// True if some reached their end, and the results of all of these are lost.
   [[nodiscard]] bool all_lost() const;
@@ -53,7 +56,8 @@ private:
 
   std::vector<Warning> warnings_;
   std::vector<Cause> causes_;
-  std::array<std::size_t, 3> verdicts_{};  ///< of those that reached their end
+  std::array<std::size_t, 3> verdicts_{};
+  std::size_t complete_ = 0, complete_lost_ = 0;  ///< of them
   std::size_t runs_ = 0;
 };
 

@@ -48,6 +48,7 @@ public:
     return events_.crossings(event);
   }
   [[nodiscard]] bool undefined(std::size_t event) const override { return events_.undefined(event); }
+  [[nodiscard]] bool left_and_returned(std::size_t event) const override { return events_.left_and_returned(event); }
 
   [[nodiscard]] double time(const OutputStep& step, double fraction) override {
     return step.clock ? events_.state(as_orbit(step), fraction)[*step.clock] : step.time(fraction);

@@ -262,7 +262,15 @@ private:
         "there: start elsewhere. Nothing was written",
         place.text(), simulation().t(), cause_of_undefined(), explained(error));
     outcome_.file.clear();
+    judge_early_end();
     return std::move(outcome_);
+  }
+
+  /// By nothing but that it failed.
+  void judge_early_end() {
+    outcome_.statistics.measures.end = simulation().t();
+    outcome_.statistics.measures.end_wanted = problem_.scheme.until;
+    outcome_.judgement = figures::judge(outcome_.statistics);
   }
 
   /// "record: value 0 of row 3 of '/states/u' is inf" in the words of a user.
@@ -300,6 +308,9 @@ private:
       }
     }
     outcome_.complete = outcome_.status == ExitStatus::done;
+    if (has_failed(outcome_.status)) {
+      observed_->meter().end_early(simulation().t(), problem_.scheme.until);
+    }
     finish();
     order(Order::finish);
     outcome_.statistics = observed_->final_statistics();
@@ -337,6 +348,7 @@ private:
       outcome_.file.clear();
     }
     outcome_.statistics = statistics();  // the final ones take memory to compute
+    judge_early_end();
     return std::move(outcome_);
   }
 

@@ -32,6 +32,11 @@ enum class ExitStatus {
   interrupted = 130,
 };
 
+/// True if a run with this status ended by a failure, before its end.
+[[nodiscard]] constexpr bool has_failed(ExitStatus status) {
+  return status == ExitStatus::singular || status == ExitStatus::failed;
+}
+
 struct Progress {
   double t, start, until, h;
   std::size_t steps, off_law;

@@ -78,6 +78,11 @@ figures::Measures VerdictMeter::measures_to(Simulation& simulation, std::size_t 
   return meter.measures();
 }
 
+void VerdictMeter::end_early(double t, double until) {
+  measures_.end = t;
+  measures_.end_wanted = until;
+}
+
 void VerdictMeter::save(StateWriter& state) const {
   figures::Measures::visit(measures_, [&state](double value) { state.write(value); });
   energy_.save(state);
@@ -86,6 +91,7 @@ void VerdictMeter::save(StateWriter& state) const {
 void VerdictMeter::restore(StateReader& state) {
   figures::Measures::visit(measures_, [&state](double& value) { state.read(value); });
   energy_.restore(state);
+  measures_.end = measures_.end_wanted = figures::Measures::none;
 }
 
 }  // namespace rubato

@@ -26,6 +26,9 @@ public:
   /// The same and the present level, if that is not in the sample.
   [[nodiscard]] figures::Measures measures_to(Simulation& simulation, std::size_t number) const;
 
+  /// The run failed at t, and was to end at `until`: it is not good, until it is continued (restore()).
+  void end_early(double t, double until);
+
   void save(StateWriter& state) const;
   void restore(StateReader& state);
 

@@ -11,6 +11,9 @@ namespace rubato {
 
 namespace {
 
+/// A crossing so near to the start, as a share of the first step, is the start, reported with rounding.
+constexpr double start = 1e-9;
+
 int sign_of(double value) {
   return value > 0.0 ? 1 : value < 0.0 ? -1 : 0;
 }
@@ -76,6 +79,7 @@ const std::vector<Crossing>& CrossingSearch::follow(double h, Sample from, Sampl
   crossings_.clear();
   samples_.clear();
   undefined_ = !std::isfinite(from.value) || !std::isfinite(to.value);
+  left_and_returned_ = false;
   if (undefined_) {
     sign_ = std::isfinite(to.value) ? sign_of(to.value) : 0;
   } else {
@@ -90,6 +94,7 @@ const std::vector<Crossing>& CrossingSearch::follow(double h, Sample from, Sampl
     refine(from, to, deepest, g);
     samples_.push_back(to);
     find_signs(g);
+    left_and_returned_ = at_start_ && leaves_and_returns(from, to);
   }
   previous_value_ = undefined_ ? std::numeric_limits<double>::quiet_NaN() : from.value;
   previous_h_ = h;
@@ -168,9 +173,16 @@ void CrossingSearch::refine(const Sample& a, const Sample& b, int depth, const F
   }
 }
 
+bool CrossingSearch::leaves_and_returns(const Sample& from, const Sample& to) const {
+  const int left_to = sign_of(from.rate), back = sign_of(to.value);
+  const bool is_at_zero = std::abs(from.value) <= start * std::max(std::abs(from.rate), std::abs(to.value));
+  const bool is_wanted = wanted_ == Direction::both || static_cast<int>(wanted_) == back;
+  return is_at_zero && left_to != 0 && back == -left_to && is_wanted &&
+         std::ranges::none_of(
+             crossings_, [back](const Crossing& crossing) { return static_cast<int>(crossing.direction) == back; });
+}
+
 void CrossingSearch::find_signs(const Function& g) {
-  // A crossing so near to the start, as a share of the first step, is the start, reported with rounding.
-  constexpr double start = 1e-9;
   const Sample* last = nullptr;  // that is not 0
   const Sample* zero = nullptr;  // the last one after it
   for (const Sample& sample : samples_) {

@@ -31,6 +31,9 @@ struct Crossing {
 /// between the places found. Rates that are not given are those of the parabola through the last three levels. What is
 /// missed are pairs of crossings in a step that is too long for the cubic to follow g as far as that: it is off by a
 /// 384th of the fourth derivative by the fraction, the parabola by a 15th of the third.
+///
+/// A run that starts at a zero and leaves it, as a ball that has just bounced, may be back beyond it within the first
+/// step: left_and_returned() where that crossing was not found.
 class CrossingSearch {
 public:
   struct Sample {
@@ -50,10 +53,15 @@ public:
   /// True if g was not a number somewhere in the last step: what crossings that has is not known.
   [[nodiscard]] bool undefined() const { return undefined_; }
 
+  /// True if the last step was the first one, g left a zero at its start to one side and ends on the other, which is a
+  /// wanted crossing, and none was found.
+  [[nodiscard]] bool left_and_returned() const { return left_and_returned_; }
+
   void save(StateWriter& state) const;
   void restore(StateReader& state);
 
 private:
+  [[nodiscard]] bool leaves_and_returns(const Sample& from, const Sample& to) const;
   void set_rates(double h, Sample& from, Sample& to, const Function& g);
   void refine(const Sample& a, const Sample& b, int depth, const Function& g);
   void find_signs(const Function& g);
@@ -67,7 +75,7 @@ private:
   ///@{
   double previous_value_ = std::numeric_limits<double>::quiet_NaN(), previous_h_ = 0.0;
   ///@}
-  bool undefined_ = false;
+  bool undefined_ = false, left_and_returned_ = false;
   std::vector<Sample> samples_;
   std::vector<Crossing> crossings_;
 };

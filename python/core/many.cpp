@@ -214,10 +214,12 @@ public:
       last.messages[m] = outcome.message;
       verdicts[m] = figures::to_string(outcome.judgement.verdict);
       findings.add(numbers.empty() ? m : numbers[m], "", outcome.warnings, outcome.judgement,
-                   outcome.status == ExitStatus::done || outcome.status == ExitStatus::lost);
+                   outcome.complete             ? RunEnd::complete
+                   : has_failed(outcome.status) ? RunEnd::failed
+                                                : RunEnd::interrupted);
     }
     for (std::size_t m = outcomes_.size(); m < all_members; ++m) {
-      findings.add(m, "", {}, {}, true);
+      findings.add(m, "", {}, {}, RunEnd::complete);
     }
     py::dict all = std::move(last).arrays();
     all["verdicts"] = py::cast(verdicts);

@@ -34,7 +34,8 @@ struct Step {
   std::vector<double> y = {};  ///< what is read of the state of an orbit at t
   std::vector<double> p = {};  ///< its momenta, if L states the problem
   std::vector<FoundCrossing> crossings = {};
-  bool resets = false;  ///< the last crossing is one of an event with a reset
+  std::vector<std::string> missed = {};  ///< the events that the step left the zero of, and returned through unseen
+  bool resets = false;                   ///< the last crossing is one of an event with a reset
 
   /// \throws py::attribute_error for a lattice
   [[nodiscard]] std::span<const double> state() const {
@@ -99,6 +100,17 @@ public:
       return step.length() < 0.0 ? a.t > b.t : a.t < b.t;
     });
     return found;
+  }
+
+  /// The events that left_and_returned() in the step followed last, which is the first one.
+  [[nodiscard]] std::vector<std::string> missed() const {
+    std::vector<std::string> names;
+    for (const EventFigures& figures : figures_) {
+      if (figures.value.returned > 0) {
+        names.push_back(figures.name);
+      }
+    }
+    return names;
   }
 
 private:
@@ -295,6 +307,9 @@ private:
       const py::gil_scoped_release released;
       found = watch_->follow(simulation_->last());
     }
+    if (simulation_->integrator().levels().steps() == 1) {
+      taken.missed = watch_->missed();
+    }
     for (FoundCrossing& crossing : found) {
       const bool resets = with_reset_.contains(crossing.name);
       count(crossing);
@@ -440,6 +455,9 @@ Array read_states(const BoundProblem& bound, const Array& q, const Array& p) {
 /// The next step, after which the integrator itself resets its state if an event asks for it.
 std::optional<Step> step_of(Stepper& stepper) {
   std::optional<Step> step = stepper.step();
+  if (step && !step->missed.empty()) {
+    py::cast(stepper, py::return_value_policy::reference).attr("_warn_of_missed")(step->missed);
+  }
   if (step && step->resets) {
     py::cast(stepper, py::return_value_policy::reference).attr("_reset_at")(*step);
   }

@@ -22,8 +22,9 @@ class Event:
         Ends the run with the step of the first crossing, or of that number.
     reset : callable, optional
         Of an orbit: ``reset(t, y)`` returns the state to go on from, in the form of `initial`, or None to end there.
-        The run continues from the crossing with a discrete energy of its own. A body that bounces back within one step
-        falls through.
+        The run continues from the crossing with a discrete energy of its own. A body that is back within a small part
+        of a step falls through: the run warns, and its verdict is doubtful. Bounces that accumulate come to that; let
+        `reset` return None below some speed.
     quantities : list, optional
         Formulas that are stored at each crossing.
     at : dict, optional

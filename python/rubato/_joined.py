@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 
 from ._result import Result, _Arrays
@@ -43,10 +45,12 @@ def join(parts: list, resets: list, reset_by: list) -> Result:
         said = f"the state was reset {len(resets)} times, first at t = {resets[0][0]:.10g}: each part has a discrete " \
                "energy of its own"
         result.message = f"{last.message}; {said}" if last.message else said
+    reasons = [reason for part in parts for reason in part.figures.get("reasons", ())]
     result.warnings = [sentence for part in parts for sentence in part.warnings]
+    result.warnings += [f"{reason['finding']}; {reason['remedy']}" for reason in reasons if reason["what"] == "event"]
     order = ["", "good", "doubtful", "lost"]
     result.verdict = max((part.verdict for part in parts), key=order.index)
-    result._json = "{}"
+    result._json = json.dumps({"verdict": result.verdict, "reasons": reasons})
     result.resets = resets
     result.parts = parts
     result.energies = np.array([part.energy[0] if len(part.energy) else np.nan for part in parts])

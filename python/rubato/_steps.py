@@ -114,6 +114,13 @@ class Integrator(_core.Stepper):
         self.restart(problem)
         self._problem, self._system = problem, system
 
+    def _warn_of_missed(self, names: list):
+        """Of events that left their zero and returned through it within the first step from a state, unseen."""
+        from ._run import _warn
+
+        _warn(f"event {name} starts at its zero and has returned through it within the first step, unseen: take a smaller "
+              "step, or end the run there" for name in names)
+
     def _reset_at(self, step):
         """Goes on from the crossing that ended a step, with the state that its event returns."""
         crossing = step.events[-1]

@@ -118,6 +118,27 @@ class Memory(unittest.TestCase):
         without = rb.integrate(ball, [1, 0], (0, 6), step=0.01, levels="fixed")
         self.assertLess(without.x.min(), -1)
 
+    def test_bounces_that_accumulate_are_doubtful(self):
+        ball = rb.Hamiltonian("x", "v", "v^2/2 + x")
+
+        def fall(reset):
+            floor = rb.Event("x", direction=-1, reset=reset)
+            return rb.integrate(ball, [1, 0], (0, 6), step=0.05, levels="fixed", events={"floor": floor})
+
+        with self.assertWarnsRegex(rb.RubatoWarning, "event floor starts at its zero and has returned"):
+            through = fall(lambda t, y: [0, -0.5 * y[1]])
+        self.assertLess(through.x[-1], -0.1)
+        self.assertEqual(through.verdict, "doubtful")
+        self.assertEqual([reason["what"] for reason in through.reasons], ["event"])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            at_rest = fall(lambda t, y: [0, -0.5 * y[1]] if y[1] < -1e-2 else None)
+            passes = fall(lambda t, y: [0, 0.5 * y[1]])
+        self.assertEqual(at_rest.verdict, "good")
+        # The last level is the end of the step with the crossing: v h + h^2/2 below it at most.
+        self.assertGreater(at_rest.x.min(), -(1e-2 * 0.05 + 0.05**2 / 2))
+        self.assertEqual(passes.verdict, "good")
+
     def test_ensembles(self):
         states = np.column_stack([np.zeros(50), np.linspace(0.5, 1.5, 50)])
         common = dict(step=0.1, scheme="splitting", levels="fixed")

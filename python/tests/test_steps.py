@@ -304,6 +304,16 @@ class Crossings(unittest.TestCase):
         after = steps[steps.index(at[0]) + 1]
         self.assertAlmostEqual(after.energy / at[0].energy, 0.81, delta=1e-9)
 
+    def test_bounces_that_accumulate_are_warned_of(self):
+        bounce = rb.Event("x", direction=-1, reset=lambda t, y: [0, -0.5 * y[1]])
+        ball = rb.Integrator(self.BALL, [1, 0], (0, 6), step=0.05, levels="fixed", events={"floor": bounce})
+        with self.assertWarnsRegex(rb.RubatoWarning, "event floor starts at its zero and has returned"):
+            list(ball)
+        once = rb.Integrator(self.BALL, [1, 0], (0, 3), step=0.05, levels="fixed", events={"floor": bounce})
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            list(once)
+
     def test_a_reset_may_end_the_steps_or_fail(self):
         once = rb.Integrator(self.BALL, [1, 0], (0, 6), step=0.01, events={"floor": rb.Event("x", reset=lambda t, y: None)})
         self.assertAlmostEqual(list(once)[-1].t, np.sqrt(2), delta=1e-9)

@@ -3,6 +3,7 @@
 #include <catch2/catch.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -176,6 +177,44 @@ TEST_CASE("steps off the law by little of the energy exchanged are no finding wh
   CHECK(verdict("0.005", "2") == Verdict::good);
   CHECK(verdict("0.3", "20") == Verdict::good);      // steps over zeros of Gamma, off by 3e-6, where terms exchange 1
   CHECK(verdict("1.2", "20") == Verdict::doubtful);  // the twin: off by 0.02
+}
+
+TEST_CASE("a run that fails before its end is not good, until it is continued to its end") {
+  const Folder folder;
+  const std::string file = folder / "record.h5";
+  const auto fails = [&](const Settings& settings) {
+    return run(read_problem("pendulum", settings), {.output = file, .overwrite = true, .threads = 1});
+  };
+  const Outcome failed = fails({"scheme.until=5", "scheme.max_steps=10"});
+  CHECK(failed.status == ExitStatus::failed);
+  CHECK(failed.judgement.verdict == Verdict::doubtful);
+  REQUIRE(failed.judgement.reasons.size() == 1);
+  CHECK(failed.judgement.reasons.front().kind == ReasonKind::end);
+  CHECK(failed.judgement.reasons.front().value == failed.statistics.t);
+  CHECK_FALSE(failed.judgement.reasons.front().remedy.empty());
+  CHECK(to_json(failed).find("\"verdict\": \"doubtful\", \"reasons\": [{\"what\": \"end\"") != std::string::npos);
+  const Outcome checked = check(file);
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(line_of(to_table(checked), "verdict") == line_of(to_table(failed), "verdict"));
+  // To an end that is reached: what was not good is past.
+  const Outcome continued = resume(file, failed.statistics.t - 0.01, {.threads = 1});
+  CHECK(continued.status == ExitStatus::done);
+  CHECK(continued.judgement.verdict == Verdict::good);
+  CHECK(check(file).judgement.verdict == Verdict::good);
+  CHECK(fails({"scheme.until=5", "scheme.max_steps=10", "verdict.accept=[\"end\"]"}).judgement.verdict ==
+        Verdict::good);
+  // The twins: a run that reaches its end, and one that is interrupted, which is no failure.
+  CHECK(fails({"scheme.until=1"}).judgement.verdict == Verdict::good);
+  std::atomic<bool> asked = false;
+  const Outcome interrupted = run(read_problem("pendulum", Settings{"scheme.until=1e4"}),
+                                  {.output = file,
+                                   .overwrite = true,
+                                   .threads = 1,
+                                   .interrupt = &asked,
+                                   .progress = [&asked](const Progress&) { asked = true; },
+                                   .progress_interval = {}});
+  CHECK(interrupted.status == ExitStatus::interrupted);
+  CHECK(interrupted.judgement.verdict == Verdict::good);
 }
 
 TEST_CASE("a run continued has the verdict of a run never stopped") {

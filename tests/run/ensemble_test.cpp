@@ -130,6 +130,9 @@ TEST_CASE("members that fail do not end the others, and are told") {
   CHECK(outcome.status == ExitStatus::failed);
   CHECK(outcome.statuses == std::vector{ExitStatus::failed, ExitStatus::done});
   CHECK_THAT(outcome.message, Contains("1 of 2 members ended early") && Contains("scheme.max_steps = 5"));
+  CHECK(outcome.findings.verdict() == figures::Verdict::doubtful);
+  CHECK_THAT(to_json(outcome), Contains(R"("verdicts": {"good": 1, "doubtful": 1, "lost": 0})") &&
+                                   Contains(R"("what": "end")") && Contains(R"("ended_early": 1)"));
   CHECK_THAT(to_json(outcome), Contains("\"ended_early\": 1"));
 }
 

@@ -222,6 +222,35 @@ TEST_CASE("formulas of events that are not defined, or jump, are told", "[run]")
   CHECK(differences(outcome, check(folder / "a.h5")) == Names{});
 }
 
+TEST_CASE("a run that returns unseen through the zero that it starts at is doubtful", "[run]") {
+  const Folder folder;
+  const auto ball = [&](const std::string& v, const Settings& settings = {}) {
+    return run(
+        parse_problem("[hamiltonian]\nq = [\"x\"]\np = [\"v\"]\nH = \"v^2/2 + x\"\n[initial]\nx = 0\nv = " + v +
+                          "\n[scheme]\nstep = 0.05\nuntil = 1\n[events]\nfloor = { crossing = \"x\", direction = "
+                          "\"down\" }\n",
+                      "t.toml", settings),
+        {.output = folder / "a.h5", .overwrite = true});
+  };
+  const Outcome missed = ball("1e-7");  // back after 2e-7, a 250,000th of the step
+  CHECK(missed.status == ExitStatus::done);
+  CHECK(missed.judgement.verdict == figures::Verdict::doubtful);
+  REQUIRE(missed.judgement.reasons.size() == 1);
+  CHECK(missed.judgement.reasons.front().kind == figures::ReasonKind::event);
+  CHECK(missed.statistics.events.front().value.count == 0);
+  CHECK_THAT(to_json(missed), Contains(R"("floor": {"count": 0, "returned": 1})") && Contains(R"("what": "event")"));
+  CHECK(Reader(folder / "a.h5").read("/events/floor/missed").front() == 4.0);
+  const Outcome checked = check(folder / "a.h5");
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(checked.judgement.verdict == figures::Verdict::doubtful);
+  CHECK(ball("1e-7", {"verdict.accept=[\"event\"]"}).judgement.verdict == figures::Verdict::good);
+  // The twins: it comes back later, and it falls from the start.
+  const Outcome seen = ball("0.3");
+  CHECK(seen.judgement.verdict == figures::Verdict::good);
+  CHECK(seen.statistics.events.front().value.count == 1);
+  CHECK(ball("-0.1").judgement.verdict == figures::Verdict::good);
+}
+
 TEST_CASE("members of an ensemble are ended by events, and count them", "[run]") {
   const Folder folder;
   const Settings settings = {"scheme.until=60",

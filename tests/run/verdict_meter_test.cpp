@@ -103,18 +103,18 @@ TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
                                              .finding = "the energy strays",
                                              .remedy = "take smaller steps"}},
                                 .accepted = {}};
-  findings.add(0, "", {"at 6 of 11 times it is undefined"}, {}, true);
-  findings.add(1, "", {"at 7 of 11 times it is undefined"}, lost, true);
-  findings.add(2, "", {}, {}, true);
+  findings.add(0, "", {"at 6 of 11 times it is undefined"}, {}, RunEnd::complete);
+  findings.add(1, "", {"at 7 of 11 times it is undefined"}, lost, RunEnd::complete);
+  findings.add(2, "", {}, {}, RunEnd::complete);
   CHECK(findings.verdict() == Verdict::lost);
   CHECK_FALSE(findings.all_lost());
   CHECK(findings.warnings("members") ==
         std::vector<std::string>{"in 2 of 3 members, the first: 0: at 6 of 11 times it is undefined"});
   MemberVerdicts restored;
   restored.restore(findings.saved());
-  restored.add_verdict(Verdict::good, true);
-  restored.add_verdict(Verdict::lost, true);
-  restored.add_verdict(Verdict::good, true);
+  restored.add_verdict(Verdict::good, RunEnd::complete);
+  restored.add_verdict(Verdict::lost, RunEnd::complete);
+  restored.add_verdict(Verdict::good, RunEnd::complete);
   CHECK(restored.warnings("members") == findings.warnings("members"));
   CHECK(restored.verdict_text("members") == findings.verdict_text("members"));
   figures::JsonObject one, other;

@@ -122,6 +122,33 @@ TEST_CASE("a zero at a level is one crossing, and one that is touched is none", 
   CHECK(follow([](double) { return 0.0; }, {}, 0.0, 0.25, 8).t.empty());
 }
 
+TEST_CASE("a zero that is left at the start and passed again within the step is found, or known to be missed",
+          "[variation]") {
+  // t (r - t): up at 0, down at r. A search looks at g where it turns, r/2, unless that is next to the start.
+  struct Case {
+    double r;
+    Direction wanted;
+    bool found, missed;
+  };
+  const auto [r, wanted, found, missed] =
+      GENERATE(values<Case>({{0.3, Direction::down, true, false},
+                             {1e-5, Direction::down, false, true},
+                             {1e-5, Direction::both, false, true},
+                             {1e-5, Direction::up, false, false},    // not asked for
+                             {-0.3, Direction::down, false, false},  // it goes on in the direction that it starts in
+                             {1e-5 + 1.0, Direction::down, false, false}}));  // not yet
+  INFO(r);
+  CrossingSearch search(wanted);
+  search.begin(0.0);
+  const auto g = [r = r](double t) -> CrossingSearch::Sample { return {t, t * (r - t), r - 2.0 * t}; };
+  CHECK(search.follow(1.0, g(0.0), g(1.0), g).size() == (found ? 1U : 0U));
+  CHECK(search.left_and_returned() == missed);
+  // It is of the first step alone.
+  const auto next = [&](double t) -> CrossingSearch::Sample { return {t, g(1.0 + t).value, g(1.0 + t).rate}; };
+  search.follow(1.0, next(0.0), next(1.0), next);
+  CHECK_FALSE(search.left_and_returned());
+}
+
 TEST_CASE("poles and what is not a number are no crossings, and are told", "[variation]") {
   const Run pole = follow([](double t) { return 1.0 / (t - 1.03); }, {}, 0.0, 0.25, 8);
   CHECK(pole.t.empty());
