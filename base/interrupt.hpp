@@ -23,6 +23,9 @@ public:
   /// True if the flag of this thread's innermost one is set.
   [[nodiscard]] static bool asked() { return present() != nullptr && present()->load(std::memory_order_relaxed); }
 
+  /// That flag, for threads that share the work; null for none.
+  [[nodiscard]] static const std::atomic<bool>* flag() { return present(); }
+
   /// \throws Interrupted if it is
   static void end_if_asked() {
     if (asked()) {

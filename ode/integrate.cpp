@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/base/spread.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
@@ -437,14 +438,20 @@ OrbitEnd run_to_end(OrbitIntegrator& integrator, EventLog* events, const Integra
   if (events != nullptr) {
     events->begin(integrator.scheme().state(), integrator.t(), crossings);
   }
-  while (!integrator.finished() && !stopped) {
+  while (!integrator.finished() && !stopped && !(end.interrupted = Interruptible::asked())) {
     if (end.steps == options.max_steps) {
       end.status = Status::not_converged;
       end.message = steps_used_up(options, integrator.t());
       break;
     }
     const double before = integrator.t();
-    const StepReport report = integrator.step();
+    StepReport report;
+    try {
+      report = integrator.step();
+    } catch (const Interrupted&) {  // in its look-ahead
+      end.interrupted = true;
+      break;
+    }
     if (report.status != Status::success) {
       end.status = report.status;
       end.message = integrator.explain(report);

@@ -150,12 +150,14 @@ struct OrbitEnd {
   std::vector<EventCrossings> events;
   Status status = Status::success;
   std::string message;
+  bool interrupted = false;  ///< it goes to t alone; nothing is known of one without q
 };
 
 /// Integrates one H from many initial states with the same options, each with levels of its own: every orbit is the
 /// same, bit for bit, as that of integrate() for it alone. On fixed levels with a splitting, and without events, they
 /// go side by side in vectors (SplittingLanes), many times as fast; all others one after the other. They are shared out
-/// to OpenMP's threads. \throws as OrbitIntegrator, for the first of the states that cannot be started from
+/// to OpenMP's threads. Where the flag of this thread's Interruptible is set, they end where they are. \throws as
+/// OrbitIntegrator, for the first of the states that cannot be started from
 [[nodiscard]] std::vector<OrbitEnd> integrate(const Hamiltonian& hamiltonian, std::span<const InitialState> initial,
                                               const IntegrationOptions& options);
 

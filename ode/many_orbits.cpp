@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <omp.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/ode/orbit_end.hpp>
 #include <rubato/ode/splitting_lanes.hpp>
@@ -59,6 +60,7 @@ public:
 
 private:
   void take_orbits(std::size_t thread) {
+    const Interruptible here(flag_);
     if (!lanes_.empty() && thread >= lanes_.size()) {
       return;
     }
@@ -68,6 +70,11 @@ private:
       const std::size_t first = next_.fetch_add(at_once);
       if (first >= initial_.size()) {
         return;
+      }
+      if (Interruptible::asked()) {
+        std::ranges::for_each(std::span(ends_).subspan(first, std::min(at_once, ends_.size() - first)),
+                              [](OrbitEnd& end) { end.interrupted = true; });
+        continue;
       }
       const std::size_t last = std::min(first + at_once, initial_.size());
       if (lanes != nullptr) {
@@ -104,7 +111,7 @@ private:
       return;
     }
     std::vector<SplittingLanes::End> ends(starts.size());
-    static_cast<void>(lanes.run(starts, options_.max_steps, ends));
+    static_cast<void>(lanes.run(starts, options_.max_steps, ends, [] { return Interruptible::asked(); }));
     for (std::size_t i = 0; i < numbers.size(); ++i) {
       if (ends[i].alone) {
         alone(numbers[i]);
@@ -120,6 +127,7 @@ private:
     end.q.assign(from.z.begin(), from.z.begin() + n);
     end.p.assign(from.z.begin() + n, from.z.end());
     end.steps = from.steps;
+    end.interrupted = from.interrupted;
     end.discrete_energy = from.energy.first;
     const double deviation = from.energy.farthest(from.energy.first);
     end.discrete_energy_deviation =
@@ -145,7 +153,8 @@ private:
   std::vector<OrbitEnd> ends_;
   std::vector<std::unique_ptr<SplittingLanes>> lanes_;  ///< one for each thread
   std::atomic<std::size_t> next_ = 0;
-  std::mutex making_;  ///< of integrators, and of the error
+  const std::atomic<bool>* flag_ = Interruptible::flag();  ///< that ends all
+  std::mutex making_;                                      ///< of integrators, and of the error
   std::size_t failed_ = 0;
   std::exception_ptr error_;
 };

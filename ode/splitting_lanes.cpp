@@ -180,6 +180,7 @@ bool SplittingLanes::run(std::span<const Start> starts, std::size_t max_steps, s
     }
     for (; k < stop; ++k) {
       if (k % steps_between_questions == 0 && halted && halted()) {
+        interrupt(starts, k, ends);
         return false;
       }
       if (measures_ && k % tuning::size_period == 0) {
@@ -190,6 +191,17 @@ bool SplittingLanes::run(std::span<const Start> starts, std::size_t max_steps, s
         find_steps_to_show(*watch, k == 0);
         stop = show(starts, k, ends, *watch) ? k + 1 : stop;
       }
+    }
+  }
+}
+
+/// Those that have not ended do so at level k.
+void SplittingLanes::interrupt(std::span<const Start> starts, std::size_t k, std::span<End> ends) const {
+  for (std::size_t m = 0; m < starts.size(); ++m) {
+    if (!ends[m].alone && ends[m].steps > k) {
+      ends[m].steps = k;
+      ends[m].interrupted = true;
+      write(m, starts[m], k, ends[m]);
     }
   }
 }

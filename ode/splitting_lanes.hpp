@@ -32,7 +32,8 @@ public:
     double step = 0.0, until = 0.0;
   };
   struct End {
-    bool alone = false;  ///< to be run alone: the rest is not known
+    bool alone = false;        ///< to be run alone: the rest is not known
+    bool interrupted = false;  ///< by `halted`, at t
     std::size_t steps = 0;
     double t = 0.0;
     std::vector<double> z = {};        ///< at the last level
@@ -71,8 +72,8 @@ public:
                                                             std::size_t width, bool all = false);
 
   /// From each start to its end, as many of both, unless there are more than max_steps to be taken: that is for those
-  /// who run it alone. Steps are taken without allocations. \param halted is asked now and then \param watch is shown
-  /// steps, and may end an orbit with one \return whether it came to the end
+  /// who run it alone. Steps are taken without allocations. \param halted is asked now and then, and ends all where
+  /// they are \param watch is shown steps, and may end an orbit with one \return false if it was halted
   [[nodiscard]] bool run(std::span<const Start> starts, std::size_t max_steps, std::span<End> ends,
                          const std::function<bool()>& halted = {}, const Watch* watch = nullptr);
 
@@ -109,6 +110,7 @@ private:
   void measure(std::size_t lanes);
   void find_steps_to_show(const Watch& watch, bool all);
   [[nodiscard]] bool show(std::span<const Start> starts, std::size_t k, std::span<End> ends, const Watch& watch);
+  void interrupt(std::span<const Start> starts, std::size_t k, std::span<End> ends) const;
   void write(std::size_t lane, const Start& start, std::size_t steps, End& end) const;
 
   std::size_t n_, width_;

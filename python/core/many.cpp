@@ -10,6 +10,7 @@
 
 #include <omp.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/run/member_verdicts.hpp>
 #include <rubato/run/threads.hpp>
@@ -80,6 +81,9 @@ py::dict ends_of(const SharedProblem& bound, const Array& states, int threads, c
   }
   LastLevels last(members, 2 * n);
   const auto take = [&](std::size_t m, const OrbitEnd& end) {
+    if (end.q.empty()) {
+      return;  // interrupted before its start
+    }
     std::ranges::copy(end.p, std::ranges::copy(end.q, last.y.begin() + static_cast<std::ptrdiff_t>(2 * n * m)).out);
     last.t[m] = end.t;
     last.energy[m] = end.discrete_energy;
@@ -87,16 +91,18 @@ py::dict ends_of(const SharedProblem& bound, const Array& states, int threads, c
     last.node_deviation[m] = end.node_energy_deviation;
     last.steps[m] = static_cast<std::int64_t>(end.steps);
     const bool singular = end.status == Status::singular || end.status == Status::ill_conditioned;
-    last.status[m] = static_cast<std::int64_t>(end.status == Status::success ? ExitStatus::done
-                                               : singular                    ? ExitStatus::singular
-                                                                             : ExitStatus::failed);
-    last.messages[m] = end.message;
+    last.status[m] = static_cast<std::int64_t>(end.interrupted                 ? ExitStatus::interrupted
+                                               : end.status == Status::success ? ExitStatus::done
+                                               : singular                      ? ExitStatus::singular
+                                                                               : ExitStatus::failed);
+    last.messages[m] = end.interrupted ? fmt::format("interrupted at t = {:.10g}", end.t) : end.message;
   };
   static_cast<void>(carry_out({threads, progress}, {}, [&](const RunOptions& options) {
     const ThreadCount thread_count(options.threads);
     const Hamiltonian hamiltonian = make_hamiltonian(bound->problem);
     const IntegrationOptions how = make_integration_options(bound->problem);
-    // Some members after the other, so that Ctrl-C is heard: as many as take about a third of a second.
+    const Interruptible here(options.interrupt);
+    // Some members after the other, to show progress: as many as take about a third of a second.
     constexpr std::size_t first_members = 1024;
     constexpr std::chrono::milliseconds short_while{300};
     std::size_t count = first_members, done = 0;
@@ -112,7 +118,8 @@ py::dict ends_of(const SharedProblem& bound, const Array& states, int threads, c
         show_progress(options, done, members);
       }
     }
-    return Many{done < members ? ExitStatus::interrupted : ExitStatus::done};
+    const bool all = std::ranges::count(last.status, static_cast<std::int64_t>(ExitStatus::interrupted)) == 0;
+    return Many{all ? ExitStatus::done : ExitStatus::interrupted};
   }));
   return std::move(last).arrays();
 }

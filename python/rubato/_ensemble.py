@@ -29,11 +29,12 @@ class EnsembleResult:
     last, t_last : array, shape (members, 2n) and (members,)
         The last levels, whatever `y` and `t` are.
     steps, energy, energy_deviation, node_energy_deviation, status : array, shape (members,)
-        `status` is 0 for a member that reached its end; `messages` has the reasons of the others.
+        `status` is 0 for a member that reached its end; `messages` has the reasons of the others. After Ctrl-C it is
+        130 for those that had not: they have the level that they had come to, or NaN.
     success, message : bool, str
         True if all members reached their end; how many did not, and why the first of them.
     verdicts, verdict, warnings : list of str, str, list of str
-        The verdict of each member, the worst of those that reached their end, and all warnings, gathered.
+        The verdict of each member, the worst of these, and all warnings, gathered. One that was interrupted has none.
 
     Columns have their names: ``r["q"]`` and ``r.q`` are that part of `y`. With `t_eval`, `every` or `events`,
     ``r[5]`` is a member as a Result.
@@ -104,12 +105,12 @@ class EnsembleResult:
             text, names, states, threads = self._again
             with np.errstate(invalid="ignore"):
                 good = self.node_energy_deviation < _CLEARLY_GOOD * np.abs(self.energy)
-            alone = np.flatnonzero(~(good & (self.status == 0)))
+            alone = np.flatnonzero(~(good & (self.status == 0)) & (self.status != 130))
             problem = _core.parse_problem(text, "rubato.integrate", ["output.every=1000000000"], {})
             runs = _core.ManyRuns(problem, names, states[alone], threads, None)
             numbers = runs.results(list(alone), len(states))
             self._judgement = {key: numbers[key] for key in ("verdict", "warnings")}
-            self._judgement["verdicts"] = ["good"] * len(states)
+            self._judgement["verdicts"] = ["good" if status != 130 else "" for status in self.status]
             for m, verdict in zip(alone, numbers["verdicts"]):
                 self._judgement["verdicts"][m] = verdict
         return self._judgement

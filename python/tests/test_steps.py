@@ -142,6 +142,31 @@ class Steps(unittest.TestCase):
         finally:
             timer.join()
 
+    def test_ctrl_c_is_heard_within_members(self):
+        """They are too long to come to their ends: what was computed of them is in the result."""
+        pendulum = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")
+        states = np.column_stack([np.zeros(200), np.linspace(0.1, 1.9, 200)])
+        for how in (dict(scheme="splitting"), dict(scheme="midpoint")):
+            wait, begun = 0.1, np.array(False)
+            while not begun.any():  # until some have begun by then
+                timer = threading.Timer(wait, os.kill, (os.getpid(), signal.SIGINT))
+                timer.start()
+                try:
+                    rb.integrate(pendulum, states, (0, 1e8), step=0.1, levels="fixed", max_steps=10**12, **how)
+                except rb.Interrupted as interrupted:
+                    many = interrupted.result
+                    begun = many.steps > 0
+                except KeyboardInterrupt:  # before the members
+                    pass
+                finally:
+                    timer.join()
+                wait *= 2
+            self.assertTrue((many.status == 130).all())
+            self.assertTrue(np.isfinite(many.last[begun]).all())
+            self.assertEqual(set(many.verdicts) - {"", "good"}, set())  # and none of them is run again
+            m = int(np.flatnonzero(begun)[0])
+            np.testing.assert_allclose(many.t[m], 0.1 * many.steps[m], rtol=1e-12)
+
     def test_ctrl_c_leaves_the_members_that_were_done(self):
         pendulum = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")
         states = np.column_stack([np.zeros(100000), np.linspace(0.1, 1.9, 100000)])

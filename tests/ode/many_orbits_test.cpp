@@ -1,14 +1,20 @@
 // Orbits from many initial states, side by side or not: each is the orbit that it is alone, bit for bit.
 
+#include <algorithm>
+#include <atomic>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <catch2/catch.hpp>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/ode/splitting_lanes.hpp>
 
@@ -133,6 +139,43 @@ TEST_CASE("orbits side by side have starts and ends of their own, and some break
     count += differences(ends[m], integrate(hamiltonian, states[m], options));
   }
   CHECK(count == 0);
+}
+
+TEST_CASE("orbits that are interrupted end where they are") {
+  // Side by side, and one after the other: far too many steps to come to the end of.
+  const bool side_by_side = GENERATE(true, false);
+  const Hamiltonian H = henon_heiles_with("");
+  const std::vector<InitialState> states = around({.q = {0.1, 0.0}, .p = {0.0, 0.2}}, 300, 1e-3);
+  IntegrationOptions options{
+      .lagrangian = side_by_side ? SegmentLagrangian(Splitting{}) : SegmentLagrangian(Midpoint{}),
+      .step = 0.1,
+      .until = 1e12,
+      .levels = Levels::fixed,
+      .max_steps = 100'000'000'000'000};
+  std::vector<OrbitEnd> ends;
+  auto begun = ends.end();
+  for (std::chrono::milliseconds wait(50); begun == ends.end(); wait *= 2) {  // until some have begun by then
+    std::atomic<bool> asked = false;
+    const Interruptible here(&asked);
+    std::thread press([&] {
+      std::this_thread::sleep_for(wait);
+      asked = true;
+    });
+    ends = integrate(H, states, options);
+    press.join();
+    begun = std::ranges::find_if(ends, [](const OrbitEnd& end) { return end.steps > 0; });
+  }
+  CHECK(std::ranges::all_of(ends, [](const OrbitEnd& end) { return end.interrupted; }));
+  // What was computed is what the orbit alone has there.
+  const auto number = static_cast<std::size_t>(begun - ends.begin());
+  options.until = begun->t;
+  options.max_steps = begun->steps;
+  const OrbitEnd alone = integrate(H, std::span(states).subspan(number, 1), options).front();
+  CHECK_FALSE(alone.interrupted);  // the twin: nobody asked
+  CHECK(alone.steps == begun->steps);
+  CHECK(alone.t == begun->t);
+  CHECK(alone.q == begun->q);
+  CHECK(alone.p == begun->p);
 }
 
 TEST_CASE("many orbits have their events, and what is wrong with one is told") {
