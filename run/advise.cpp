@@ -249,7 +249,7 @@ private:
            std::pow(std::min(1.0, factor_to(target_, trial.of_grid)), dimensions);
   }
   [[nodiscard]] double to_target(const Trial& trial) const {
-    return std::min(factor_to(target_, trial.of_step), std::max(1.0, longest_ / step_));
+    return std::min(factor_to(target_, trial.of_step), std::max(1.0, longest_ / std::abs(trial.scheme.step)));
   }
 
   /// After a step that fails: the longest one is between those that do not and this one.
@@ -387,6 +387,48 @@ std::vector<FoundScheme> best_of_families(const Trials& trials, Advice& advice) 
   return all;
 }
 
+/// What a scheme has for the time that it takes: the larger of its errors.
+double error_of(const AdvisedScheme& scheme) {
+  return std::max(scheme.step_error.value_or(0.0), scheme.grid_error.value_or(0.0));
+}
+
+/// True if a scheme takes no longer than another one and has no larger error, and differs in one of them.
+bool dominates(const AdvisedScheme& scheme, const AdvisedScheme& other) {
+  const double error = error_of(scheme), other_error = error_of(other);
+  return scheme.seconds && other.seconds && *scheme.seconds <= *other.seconds && error <= other_error &&
+         (*scheme.seconds < *other.seconds || error < other_error);
+}
+
+/// By cost at equal error; those without one last. Where the order of a scheme promises more than its trials show, as
+/// of one whose step may grow no further, its cost is at most that of any scheme that takes longer for a larger error.
+void rank(std::vector<AdvisedScheme>& schemes) {
+  struct Place {
+    double cost, seconds, error;
+    auto operator<=>(const Place&) const = default;
+  };
+  std::vector<std::pair<Place, std::size_t>> places;
+  for (std::size_t i = 0; i < schemes.size(); ++i) {
+    const AdvisedScheme& scheme = schemes[i];
+    constexpr double never = std::numeric_limits<double>::infinity();
+    Place place{scheme.cost.value_or(never), scheme.seconds.value_or(never), error_of(scheme)};
+    for (const AdvisedScheme& other : schemes) {
+      if (scheme.cost && other.cost && dominates(scheme, other)) {
+        place.cost = std::min(place.cost, *other.cost);
+      }
+    }
+    places.emplace_back(place, i);
+  }
+  std::ranges::sort(places);
+  std::vector<AdvisedScheme> ranked;
+  for (const auto& [place, number] : places) {
+    ranked.push_back(std::move(schemes[number]));
+    if (ranked.back().cost) {
+      ranked.back().cost = place.cost;
+    }
+  }
+  schemes = std::move(ranked);
+}
+
 }  // namespace
 
 Advice advise(const Problem& problem, std::optional<double> tolerance, const RunOptions& options) {
@@ -412,9 +454,7 @@ Advice advise(const Problem& problem, std::optional<double> tolerance, const Run
     advice.message = "interrupted before every scheme was tried";
     return advice;
   }
-  std::ranges::stable_sort(advice.schemes, {}, [](const AdvisedScheme& scheme) {
-    return scheme.cost.value_or(std::numeric_limits<double>::infinity());
-  });
+  rank(advice.schemes);
   if (advice.schemes.empty() || !advice.schemes.front().cost) {
     advice.status = ExitStatus::failed;
     advice.message = "no scheme reached the target in its trials; try a smaller scheme.step, or a larger --tolerance";

@@ -29,7 +29,9 @@ struct AdvisedScheme {
   std::string failure = {};                           ///< why there is no estimate; empty where there is one
 
   std::optional<double> seconds = {};  ///< of the whole run, by estimate_run()
-  std::optional<double> cost = {};     ///< seconds at an error that is exactly the target, by the order
+  /// Seconds at an error that is exactly the target, by the order; at most that of any scheme that takes longer for a
+  /// larger error, so that none is dominated by one below it.
+  std::optional<double> cost = {};
 };
 
 /// What advise() returns.

@@ -103,6 +103,33 @@ TEST_CASE("advised steps have the target error, which longer steps exceed, and t
   }
 }
 
+TEST_CASE("no scheme is dominated by one below it, and a family has the order that costs least") {
+  const auto dominated = [](std::vector<AdvisedScheme> schemes) {
+    std::size_t count = 0;
+    for (std::size_t below = 1; below < schemes.size(); ++below) {
+      for (std::size_t above = 0; above < below; ++above) {
+        const AdvisedScheme &one = schemes[above], &other = schemes[below];
+        count += one.cost && other.cost && *other.seconds < *one.seconds &&
+                         std::max(*other.step_error, *other.grid_error) < std::max(*one.step_error, *one.grid_error)
+                     ? 1
+                     : 0;
+      }
+    }
+    return count;
+  };
+  const Advice advice =
+      advise(read_problem("nls", std::vector<std::string>{"scheme.until=2", "grid.x.cells=129"}), 1e-3);
+  REQUIRE(advice.status == ExitStatus::done);
+  CHECK(dominated(advice.schemes) == 0);
+  // The twin: in the other order some are.
+  CHECK(dominated({advice.schemes.rbegin(), advice.schemes.rend()}) > 0);
+  const auto splitting = std::ranges::find_if(advice.schemes, [](const AdvisedScheme& scheme) {
+    return std::ranges::count(scheme.entries, std::pair<std::string, std::string>("space", "\"fourier\"")) > 0;
+  });
+  REQUIRE(splitting != advice.schemes.end());
+  CHECK_THAT(fmt::format("{}", fmt::join(settings_of(*splitting), " ")), Contains("composition=\"blanes-moan-4\""));
+}
+
 TEST_CASE("what is advised does not depend on the machine, but for times") {
   const Problem problem = parse_problem(pendulum, "t.toml", {});
   const auto shown = [&] {
