@@ -143,6 +143,36 @@ public:
     return names;
   }
 
+  /// What the fields of the form stand for.
+  [[nodiscard]] std::vector<StatedUnknown> unknowns() const {
+    std::vector<StatedUnknown> all;
+    for (std::size_t i = 0; i < psi_.size(); ++i) {
+      const std::string name = complex_name(i, psi_.size());
+      const auto add = [&](const std::string& unknown, const std::string& re, const std::string& im) {
+        if (has_field(re) && has_field(im)) {
+          all.push_back({.name = unknown, .re = {{re, 1.0}}, .im = {{im, 1.0}}});
+        }
+      };
+      const std::string &re = density_.fields[psi_[i][0]], &im = density_.fields[psi_[i][1]];
+      add(name, re, im);
+      add(derivative_name(name, by_t), derivative_name(re, by_t), derivative_name(im, by_t));
+    }
+    if (!damped_.empty()) {
+      const double rate = density_.damping / 2.0;
+      const std::string scaled = "scaled_" + damped_;
+      all.push_back({.name = damped_, .rate = rate, .re = {{scaled, 1.0}}});
+      for (const std::string& name : form_.fields) {
+        const auto derivative = derivative_named(name, {scaled});
+        if (derivative && derivative->order == by_t) {
+          all.push_back({.name = derivative_name(damped_, by_t), .rate = rate, .re = {{name, 1.0}, {scaled, -rate}}});
+        } else if (derivative && derivative->order[0] == 0) {
+          all.push_back({.name = derivative_name(damped_, derivative->order), .rate = rate, .re = {{name, 1.0}}});
+        }
+      }
+    }
+    return all;
+  }
+
   /// L, as it is stated or was found.
   [[nodiscard]] std::string density() const { return formula::to_string(density_.L); }
   /// Fields of the form that are given by their derivatives by x: potential_u_t by u_t.
@@ -424,43 +454,47 @@ private:
       root.push_back({"definitions", section_.location(), {Value::Table{}, section_.location()}});
     }
     Value::Table& definitions = *find(root, "definitions")->value.table();
-    const std::string shrunk = fmt::format("exp({}*t)", -density_.damping / 2.0);
-    const auto define = [&](const std::string& name, const std::string& text) {
-      definitions.push_back({name, section_.location(), {shrunk + "*" + text, section_.location()}});
-    };
-    define(damped_, "scaled_" + damped_);
-    for (const std::string& name : form_.fields) {
-      const auto derivative = derivative_named(name, {"scaled_" + damped_});
-      if (derivative && derivative->order == by_t) {
-        define(derivative_name(damped_, by_t),
-               fmt::format("({} - {}*scaled_{})", name, density_.damping / 2.0, damped_));
-      } else if (derivative && derivative->order[0] == 0) {
-        define(derivative_name(damped_, derivative->order), name);
+    for (const StatedUnknown& unknown : unknowns()) {
+      std::string sum;
+      for (const auto& [field, factor] : unknown.re) {
+        sum += sum.empty() ? field : fmt::format(" + ({})*{}", factor, field);
       }
+      const std::string text = fmt::format("exp({}*t)*({})", -unknown.rate, sum);
+      definitions.push_back({unknown.name, section_.location(), {text, section_.location()}});
     }
   }
-  /// psi = "…" becomes p = "…" and q = "…".
+  [[nodiscard]] bool has_field(const std::string& name) const {
+    return std::ranges::find(form_.fields, name) != form_.fields.end();
+  }
+
+  /// psi = "…" becomes p = "…" and q = "…", and psi_t likewise.
   void take_apart(Value::Table& table) {
     for (std::size_t i = 0; i < psi_.size(); ++i) {
       const std::string name = complex_name(i, psi_.size());
-      const auto place = std::ranges::find(table, name, &Entry::key);
-      if (place == table.end()) {
-        continue;
+      const std::string &re = density_.fields[psi_[i][0]], &im = density_.fields[psi_[i][1]];
+      take_apart(table, name, re, im);
+      if (has_field(derivative_name(re, by_t))) {
+        take_apart(table, derivative_name(name, by_t), derivative_name(re, by_t), derivative_name(im, by_t));
       }
-      const Entry whole = *place;
-      const FormulaText text = read_formula(whole.value, name);
-      formula::Graph& graph = *density_.graph;
-      std::map<formula::NodeIndex, Complex> parts;
-      parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
-      const Complex value =
-          at_location(text.location, [&] { return ComplexParts(graph, std::move(parts))(build(text)); });
-      const auto entry = [&](std::size_t f, formula::Expression e) {
-        return Entry{density_.fields[f], whole.location, {formula::to_string(e), whole.value.location}};
-      };
-      *place = entry(psi_[i][0], value.re);
-      table.insert(std::ranges::find(table, density_.fields[psi_[i][0]], &Entry::key) + 1,
-                   entry(psi_[i][1], value.im.value_or(graph.constant(0.0))));
     }
+  }
+  void take_apart(Value::Table& table, const std::string& name, const std::string& re, const std::string& im) {
+    const auto place = std::ranges::find(table, name, &Entry::key);
+    if (place == table.end()) {
+      return;
+    }
+    const Entry whole = *place;
+    const FormulaText text = read_formula(whole.value, name);
+    formula::Graph& graph = *density_.graph;
+    std::map<formula::NodeIndex, Complex> parts;
+    parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
+    const Complex value =
+        at_location(text.location, [&] { return ComplexParts(graph, std::move(parts))(build(text)); });
+    const auto entry = [&](const std::string& field, formula::Expression e) {
+      return Entry{field, whole.location, {formula::to_string(e), whole.value.location}};
+    };
+    *place = entry(re, value.re);
+    table.insert(std::ranges::find(table, re, &Entry::key) + 1, entry(im, value.im.value_or(graph.constant(0.0))));
   }
   /// Adds u_t, the derivative of u = "…" by t, where the form has it and the table has not.
   void add_rates(Value::Table& table) {
@@ -695,6 +729,7 @@ void read_field(Section& root, Section& section, Problem& problem) {
   }
   pde.derived = write_document({std::move(text), section.location()});
   pde.density = reader.density();
+  pde.unknowns = reader.unknowns();
 }
 
 }  // namespace rubato

@@ -205,6 +205,14 @@ struct InitialSlope {
 };
 
 /// [multisymplectic]: M z_t + K_x z_x (+ K_y z_y + K_z z_z) = ∇S(z) on a periodic grid.
+/// What [field] is stated in, by the fields of the form that is derived: exp(-rate t) (Σ c re + i Σ c im). The u of a
+/// damped equation, psi, and their derivatives where the form has them.
+struct StatedUnknown {
+  std::string name;
+  double rate = 0.0;
+  std::vector<std::pair<std::string, double>> re = {}, im = {};  ///< fields with factors; no im of a real one
+};
+
 struct MultisymplecticProblem {
   std::vector<std::string> fields;
   Matrix M;               ///< skew
@@ -225,6 +233,7 @@ struct MultisymplecticProblem {
   std::vector<StatedSymmetry> symmetries;
   /// Of a problem stated by [field]: the [multisymplectic] that was derived, as TOML, and the Lagrangian density L.
   std::string derived, density;
+  std::vector<StatedUnknown> unknowns;  ///< of such a problem, those that are no fields
 
   [[nodiscard]] std::vector<std::string> axis_names() const;
   /// How many nodes the grid has.

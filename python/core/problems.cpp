@@ -103,6 +103,16 @@ void define_problems(py::module_& module) {
       .def_property_readonly("has_clock", [](const BoundProblem& bound) { return bound.problem.clock().has_value(); })
       .def_property_readonly("fields",
                              [=](const BoundProblem& bound) { return pde(bound) ? pde(bound)->fields : Names(); })
+      .def_property_readonly("unknowns",
+                             [=](const BoundProblem& bound) {
+                               py::list all;
+                               if (pde(bound) != nullptr) {
+                                 for (const StatedUnknown& one : pde(bound)->unknowns) {
+                                   all.append(py::make_tuple(one.name, one.rate, one.re, one.im));
+                                 }
+                               }
+                               return all;
+                             })
       .def_property_readonly("form", [=](const BoundProblem& bound) { return pde(bound) ? pde(bound)->derived : ""; })
       .def_property_readonly("axes", &axes_of)
       .def_property_readonly("events", &event_names)

@@ -138,7 +138,7 @@ class Result:
         What ``rubato run --json`` prints.
 
     Columns are found by name, ``r["x"]`` or ``r.x``: coordinates, momenta, fields, invariants, quantities; H is the
-    energy at the levels. ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An attribute of the
+    energy at the levels. Of an equation in psi, ``r.psi`` is complex; of a damped one ``r.u`` is the field as stated. ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An attribute of the
     list above hides a column of its name, which ``r["y"]`` still finds.
     """
 
@@ -187,6 +187,9 @@ class Result:
                 for path in (f"{where}{name}", f"/states/{name}", f"/states/midpoints/{name}"):
                     if path in self._info:
                         columns.setdefault(name, (path, None))
+            for name, rate, *parts in self._problem.unknowns:
+                if all(field in columns for part in parts for field, _ in part):
+                    columns.setdefault(name, (None, (rate, *parts)))
         for path in self._info:
             group, _, name = path.rpartition("/")
             if group in ("/laws", "/output/quantities"):
@@ -198,12 +201,24 @@ class Result:
                 columns.setdefault(name, (path, None))
         return columns
 
+    def _unknown(self, name: str, rate: float, re: list, im: list):
+        """The u of a damped equation, or a complex psi, of the fields that stand for it."""
+        if name not in self._cache:
+            real, imaginary = (sum(factor * self[field] for field, factor in part) for part in (re, im))
+            values = real + 1j * imaginary if im else real
+            if rate != 0.0:
+                values = values * np.exp(-rate * self.t).reshape((-1,) + (1,) * (values.ndim - 1))
+            self._cache[name] = values
+        return self._cache[name]
+
     def _has_output_states(self) -> bool:
         return "/output/q" in self._info or any(f"/output/{name}" in self._info for name in self._problem.fields)
 
     def __getitem__(self, name: str):
         if name in self._columns:
             path, place = self._columns[name]
+            if path is None:
+                return self._unknown(name, *place)
             values = self._read(path)
             return values if place is None else values[:, place]
         if name in self._info:

@@ -338,7 +338,7 @@ class Lattice:
             self._take(name, value)
 
     def _take(self, name: str, value):
-        pair = self.system._tables.get("field", {}).get("psi") if name == "psi" else None
+        pair = self._parts_of(name)
         if pair is not None and not isinstance(value, str):
             values = np.asarray(value(*self.coordinates) if callable(value) else value, dtype=complex)
             values = values if values.ndim else np.full(self.shape, values)
@@ -357,6 +357,15 @@ class Lattice:
             self._arrays[name] = np.ascontiguousarray(array, dtype=float)
             return
         self._texts[name] = _symbols.as_text(value, what=f"initial {name}")
+
+    def _parts_of(self, name: str):
+        """The fields that are the parts of psi, psi1, psi2, ... or of its psi_t; None for other names."""
+        pairs = self.system._tables.get("field", {}).get("psi")
+        if not pairs:
+            return None
+        pairs = {"psi": pairs} if isinstance(pairs[0], str) else {f"psi{i + 1}": pair for i, pair in enumerate(pairs)}
+        of = name[:-2] if name.endswith("_t") else name
+        return [part + name[len(of):] for part in pairs[of]] if of in pairs else None
 
     @property
     def shape(self) -> tuple:

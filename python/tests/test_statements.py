@@ -223,6 +223,29 @@ class Fields(unittest.TestCase):
         for r in results:
             np.testing.assert_array_equal(r.q, results[0].q)
         self.assertGreater(np.abs(results[0].q[-1]).max(), 0.1)
+        np.testing.assert_array_equal(results[1].psi, results[0].p + 1j * results[0].q)
+        second = rb.Field(equation="psi_tt = psi_xx - psi", psi=["p", "q"])
+        ring = {"x": (0, 2 * np.pi, 33)}
+        rate = np.sqrt(2.0)
+        for start in ({"psi": "exp(i*x)", "psi_t": "-i*sqrt(2)*exp(i*x)"},
+                      {"psi": lambda x: np.exp(1j * x), "psi_t": lambda x: -1j * rate * np.exp(1j * x)}):
+            wave_of_psi = rb.integrate(rb.Lattice(second, ring, start), (0, 1), step=0.01, scheme="fourier")
+            exact = np.exp(1j * (wave_of_psi.x - rate * wave_of_psi.t[:, None]))
+            # The phase of the midpoint rule is off by w (w h)^2/12 t = 2.4e-5.
+            np.testing.assert_allclose(wave_of_psi.psi, exact, atol=5e-5)
+            np.testing.assert_allclose(wave_of_psi.psi_t, -1j * rate * exact, atol=1e-4)
+        self.assertGreater(np.abs(wave_of_psi.psi[-1] - wave_of_psi.psi[0]).max(), 0.1)
+        damped = rb.Field(equation="u_tt + 0.5*u_t = u_xx")
+        decays = rb.integrate(rb.Lattice(damped, ring, {"u": "cos(x)", "u_t": 0}), (0, 2), step=0.01, scheme="fourier",
+                              every=20)
+        w = np.sqrt(1 - 0.25 ** 2)
+        t = decays.t[:, None]
+        exact = np.exp(-0.25 * t) * (np.cos(w * t) + 0.25 / w * np.sin(w * t)) * np.cos(decays.x)
+        np.testing.assert_allclose(decays.u, exact, atol=1e-4)
+        np.testing.assert_allclose(decays.u_t, -np.exp(-0.25 * t) * np.sin(w * t) / w * np.cos(decays.x), atol=1e-4)
+        self.assertGreater(np.abs(decays.scaled_u - exact).max(), 0.1)  # the twin: another field
+        self.assertIn("u", decays)
+        self.assertNotIn("psi", decays)
         for wrong in ({"psi": np.zeros(7, dtype=complex)}, {"psi": "abc"}, {"psi": None}):
             with self.assertRaises((TypeError, ValueError)):
                 rb.integrate(rb.Lattice(schroedinger, grid, wrong), (0, 0.5), step=0.1)

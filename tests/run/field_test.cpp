@@ -379,6 +379,56 @@ TEST_CASE("psi is given whole at the start, and [exact] gives the start where [i
   CHECK_THAT(refusal(""), Contains("there is no [initial]"));
 }
 
+TEST_CASE(
+    "psi_t of an equation of second order is given whole, and fields of the form are told by what they stand for") {
+  const std::string head =
+      "[field]\nequation = \"psi_tt = psi_xx - psi - abs2(psi)*psi\"\npsi = [\"p\", \"q\"]\n[grid]\n"
+      "x = { from = 0, to = \"2*pi\", cells = 33 }\n[scheme]\nstep = 0.05\nuntil = 1\n[initial]\n";
+  const auto start = [&](const std::string& initial) {
+    const Problem problem = parse_problem(head + initial, "p.toml");
+    return make_initial_fields(problem, make_grid(problem));
+  };
+  const auto parts = start("p = \"cos(x)\"\nq = \"sin(x)\"\np_t = \"2*sin(x)\"\nq_t = \"-2*cos(x)\"");
+  const auto whole = start("psi = \"exp(i*x)\"\npsi_t = \"-2*i*exp(i*x)\"");
+  const auto other = start("psi = \"exp(i*x)\"\npsi_t = \"2*i*exp(i*x)\"");
+  const std::vector<std::string> fields =
+      parse_problem(head + "psi = 0\npsi_t = 0", "p.toml").multisymplectic()->fields;
+  for (const char* const name : {"p", "q", "p_t", "q_t"}) {
+    const auto f = static_cast<std::size_t>(std::ranges::find(fields, name) - fields.begin());
+    double difference = 0.0, from_other = 0.0;
+    for (std::size_t i = 0; i < 33; ++i) {
+      difference = std::max(difference, std::abs(parts.at(f).value()[i] - whole.at(f).value()[i]));
+      from_other = std::max(from_other, std::abs(parts.at(f).value()[i] - other.at(f).value()[i]));
+    }
+    CHECK(difference < 1e-15);
+    CHECK((from_other > 1.0) == (std::string_view(name).ends_with("_t")));  // the twin: the other way round
+  }
+  // Of first order in time psi has no rate of its own.
+  CHECK_THROWS_WITH(
+      parse_problem("[field]\nequation = \"i*psi_t + psi_xx = 0\"\npsi = [\"p\", \"q\"]\n[grid]\nx = { from = 0, "
+                    "to = 1, cells = 9 }\n[scheme]\nstep = 0.1\nuntil = 1\n[initial]\npsi = 0\npsi_t = 0\n",
+                    "p.toml"),
+      Contains("psi_t"));
+
+  const auto unknowns = parse_problem(head + "psi = 0\npsi_t = 0", "p.toml").multisymplectic()->unknowns;
+  REQUIRE(unknowns.size() == 2);
+  CHECK(unknowns[0].name == "psi");
+  CHECK(unknowns[1].name == "psi_t");
+  CHECK(unknowns[1].im == std::vector<std::pair<std::string, double>>{{"q_t", 1.0}});
+  const auto damped =
+      parse_problem(wave("equation = \"u_tt + 0.1*u_t = u_xx - sin(u)\"", "[initial]\nu = 0\nu_t = 0"), "p.toml")
+          .multisymplectic()
+          ->unknowns;
+  REQUIRE(damped.size() == 3);
+  CHECK(damped[0].rate == 0.05);
+  CHECK(damped[2].name == "u_t");
+  CHECK(damped[2].re == std::vector<std::pair<std::string, double>>{{"scaled_u_t", 1.0}, {"scaled_u", -0.05}});
+  // The twin: fields that stand for themselves.
+  CHECK(parse_problem(wave("equation = \"u_tt = u_xx - sin(u)\"", "[initial]\nu = 0\nu_t = 0"), "p.toml")
+            .multisymplectic()
+            ->unknowns.empty());
+}
+
 TEST_CASE("u_xt follows from u_t, and has to be its derivative where it is given") {
   const auto start = [](const std::string& initial) {
     const Problem problem = parse_problem(
