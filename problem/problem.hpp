@@ -204,7 +204,6 @@ struct InitialSlope {
   std::string field;
 };
 
-/// [multisymplectic]: M z_t + K_x z_x (+ K_y z_y + K_z z_z) = ∇S(z) on a periodic grid.
 /// What [field] is stated in, by the fields of the form that is derived: exp(-rate t) (Σ c re + i Σ c im). The u of a
 /// damped equation, psi, and their derivatives where the form has them.
 struct StatedUnknown {
@@ -213,6 +212,7 @@ struct StatedUnknown {
   std::vector<std::pair<std::string, double>> re = {}, im = {};  ///< fields with factors; no im of a real one
 };
 
+/// [multisymplectic]: M z_t + K_x z_x (+ K_y z_y + K_z z_z) = ∇S(z) on a periodic grid.
 struct MultisymplecticProblem {
   std::vector<std::string> fields;
   Matrix M;               ///< skew

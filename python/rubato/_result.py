@@ -138,8 +138,9 @@ class Result:
         What ``rubato run --json`` prints.
 
     Columns are found by name, ``r["x"]`` or ``r.x``: coordinates, momenta, fields, invariants, quantities; H is the
-    energy at the levels. Of an equation in psi, ``r.psi`` is complex; of a damped one ``r.u`` is the field as stated. ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An attribute of the
-    list above hides a column of its name, which ``r["y"]`` still finds.
+    energy at the levels. Of an equation in psi, ``r.psi`` is complex; of a damped one ``r.u`` is the field as stated.
+    ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An attribute of the list above hides a column
+    of its name, which ``r["y"]`` still finds.
     """
 
     def __init__(self, source, problem, ending=None, *, file=None, names=()):
