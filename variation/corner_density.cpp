@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/variation/corner_differences.hpp>
 #include <rubato/variation/random_values.hpp>
 
 namespace rubato {
@@ -187,9 +188,10 @@ CornerDensity corner_variables(const std::vector<std::string>& fields, int dimen
   return density;
 }
 
-LatticeAction corner_action(const CornerDensity& density, const std::vector<bool>& at_midpoints,
+LatticeAction corner_action(const CornerDensity& stated, const std::vector<bool>& at_midpoints,
                             const std::vector<bool>& potential) {
   using grids::SpaceOperator;
+  const CornerDensity density = by_differences(stated, potential);
   const int n = density.dimensions;
   LatticeAction action;
   action.graph = density.graph;

@@ -7,10 +7,13 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/grids/reductions.hpp>
 #include <rubato/pde/action_consistency.hpp>
 #include <rubato/pde/action_scheme.hpp>
 #include <rubato/pde/euler_box_map.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/shared_slopes.hpp>
+#include <rubato/variation/corner_differences.hpp>
 
 namespace rubato {
 
@@ -107,6 +110,7 @@ public:
         level.cautions.push_back(fmt::format("L leaves {} undetermined, and steps hold {}", fmt::join(held, ", "),
                                              held.size() == 1 ? "it" : "them"));
       }
+      check_slopes(system, grid, level.level);
       if (const std::vector<std::string> wrong = inconsistent_rows(system, stated); !wrong.empty()) {
         level.cautions.push_back(
             fmt::format("L does not approximate the equation: the variation by {} does not approach the row of {} in "
@@ -139,6 +143,21 @@ public:
   }
 
 private:
+  /// A potential that L reads itself has its periodic part there alone.
+  void check_slopes(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& level) const {
+    constexpr double rounding = 1e-14;
+    const CornerDensity read = by_differences(*density_, system.structure().potential);
+    for (int f = 0; f < system.field_count(); ++f) {
+      const double slope = largest_slope(level.slopes, static_cast<std::size_t>(f), grid);
+      const double largest = grids::max_abs(level.fields.field(f));
+      if (density_->names(f) && slope * grid.spacing(0) > rounding * largest && !reads_differences(read, f)) {
+        throw SchemeRefusal(
+            fmt::format("L reads {0} itself, whose mean slope is {1:.3g}, so that it is another one in each period: "
+                        "write L with differences of {0}",
+                        system.fields()[static_cast<std::size_t>(f)], slope));
+      }
+    }
+  }
   [[nodiscard]] bool names_all() const { return static_cast<int>(named_.size()) == density_->fields; }
   std::shared_ptr<const CornerDensity> density_;
   std::shared_ptr<const SecondLevel> next_;

@@ -6,6 +6,7 @@
 #include <memory>
 #include <numbers>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -73,6 +74,29 @@ const std::string midpoint_trapezoid =
 const std::string nine_points =
     "((u_10 + u_11 - u_00 - u_01)/(2*h))^2/2 - ((u_01 + u_11 - u_00 - u_10)/(2*dx))^2/2 - 1"
     " + cos((u_00 + u_01 + u_10 + u_11)/4)";
+
+/// The same of any system, with the mean S by its text. \param twin of the first term of K in x alone, 0 in the box
+std::string box_density(const MultisymplecticSystem& system, std::string S, double twin = 0.0) {
+  const int n = system.directions();
+  std::string L = "0";
+  for (int rho = 0; rho <= n; ++rho) {
+    for (int a = 0; a < system.field_count(); ++a) {
+      for (int b = 0; b < system.field_count(); ++b) {
+        const double entry = rho == 0 ? system.M()(a, b) : system.K(rho - 1)(a, b);
+        if (entry != 0.0) {
+          const auto f = static_cast<std::size_t>(a), g = static_cast<std::size_t>(b);
+          L += fmt::format("{:+.17g}*{}*{}", 0.5 * entry * (1.0 + (rho == 1 ? std::exchange(twin, 0.0) : 0.0)),
+                           mean(system.fields()[f], n), slope(system.fields()[g], rho, n));
+        }
+      }
+    }
+  }
+  for (std::size_t at = S.find('['); at != std::string::npos; at = S.find('[')) {
+    const std::size_t end = S.find(']');
+    S.replace(at, end - at + 1, mean(S.substr(at + 1, end - at - 1), n));
+  }
+  return L + " - (" + S + ")";
+}
 
 constexpr double omega = 0.6;
 /// A breather with u_t ≠ 0 at the start.
@@ -266,6 +290,60 @@ TEST_CASE("modes that no row determines are found and held", "[pde][custom]") {
       CHECK(distance(box, again, 1, 30) <= 1e-13 * 4.0 * 61.0 / std::numbers::pi);
     }
   }
+}
+
+TEST_CASE("the density of the box keeps the mean of a field that a potential has for its slope", "[pde][custom]") {
+  struct Case {
+    MultisymplecticSystem system;
+    std::string S;
+  };
+  constexpr std::size_t cells = 31;
+  constexpr double condition = 4.0 * cells / std::numbers::pi;
+  const grids::Grid grid({{"x", 0.0, 2.0 * std::numbers::pi, cells}});
+  for (const Case& one : {Case{korteweg_de_vries(1.0, 0.3), "[v]^2/2 - [u]*[w] + [u]^3/6"},
+                          Case{benjamin_bona_mahony(1.0, 1.0, 1.0), "[u]^2/2 + [u]^3/6 - [p]*[u] - [v]*[w]/2"},
+                          Case{good_boussinesq(), "[v]^2/2 - [w]^2/2 + [u]^2/2 + [u]^3/3 - [p]*[u]"}}) {
+    INFO(one.S);
+    InitialFields given(one.system.fields().size());
+    given[1] = sampled(grid, [](double x) { return 0.4 + 0.2 * std::cos(x); });
+    if (one.system.M()(0, 2) != 0.0) {  // v = phi_t
+      given[2] = sampled(grid, [](double x) { return 0.1 * std::sin(x); });
+    }
+    for (const double twin : {0.0, 1e-9}) {
+      LatticeIntegrator box(one.system, grid, given,
+                            {.lagrangian = "box", .step = 0.02, .until = 100.0, .levels = Levels::fixed});
+      LatticeIntegrator stated(
+          one.system, grid, given,
+          options_of(one.system, box_density(one.system, one.S, twin), 0.02, 100.0, Levels::fixed));
+      double fields = 0.0, energies = 0.0;
+      for (int k = 0; k < 200; ++k) {
+        const StepReport of_box = box.step(), report = stated.step();
+        REQUIRE(of_box.status == Status::success);
+        REQUIRE(report.status == Status::success);
+        fields = std::max(fields, largest_difference(box.field(1), stated.field(1)));
+        energies = std::max(energies, std::abs(of_box.energy - report.energy));
+      }
+      CHECK((fields <= 1e-13 * condition) == (twin == 0.0));
+      CHECK((energies <= 1e-13 * condition * grid.volume()) == (twin == 0.0));
+    }
+  }
+}
+
+TEST_CASE("a density that reads a potential with a mean slope is refused, and one with differences of it is not",
+          "[pde][custom]") {
+  const MultisymplecticSystem system = korteweg_de_vries(1.0, 0.3);
+  const grids::Grid grid({{"x", 0.0, 2.0 * std::numbers::pi, 31}});
+  const std::string L = box_density(system, "[v]^2/2 - [u]*[w] + [u]^3/6");
+  const auto begin = [&](const std::string& of, double mean_of_u) {
+    const InitialFields given = {std::nullopt, sampled(grid, [&](double x) { return mean_of_u + std::cos(x); }),
+                                 std::nullopt, std::nullopt};
+    static_cast<void>(LatticeIntegrator(system, grid, given, options_of(system, of, 0.02, 1.0, Levels::fixed)));
+  };
+  CHECK_NOTHROW(begin(L, 0.5));
+  CHECK_NOTHROW(begin(L + " + 0.001*(phi_01 - phi_00)^2", 0.5));
+  CHECK_NOTHROW(begin(L + " + 0.001*phi_00^2", 0.0));
+  CHECK_THROWS_WITH(begin(L + " + 0.001*phi_00^2", 0.5),
+                    Contains("L reads phi itself, whose mean slope is 0.5") && Contains("differences of phi"));
 }
 
 TEST_CASE("a density in the plane steps as leapfrog and as box do", "[pde][custom]") {

@@ -79,6 +79,70 @@ TEST_CASE("a run of a stated action is checked and resumed to the bit", "[run][c
   }
 }
 
+TEST_CASE("a stated action keeps the mean slope of a potential; its runs are checked, resumed and refined as others",
+          "[run][custom]") {
+  const std::string soliton = R"toml(
+[multisymplectic]
+fields = ["phi", "u", "v", "w"]
+M = [["phi", "u", 0.5]]
+K.x = [["phi", "w", 1], ["u", "v", -1]]
+S = "v^2/2 - u*w + u^3"
+[grid]
+x = { from = -10, to = 10, cells = 101 }
+[initial]
+u = "2*sech(x)^2"
+[definitions]
+p = "(phi_00 + phi_01 + phi_10 + phi_11)/4"
+p_t = "(phi_10 + phi_11 - phi_00 - phi_01)/(2*h)"
+p_x = "(phi_01 + phi_11 - phi_00 - phi_10)/(2*dx)"
+a = "(u_00 + u_01 + u_10 + u_11)/4"
+a_t = "(u_10 + u_11 - u_00 - u_01)/(2*h)"
+a_x = "(u_01 + u_11 - u_00 - u_10)/(2*dx)"
+b = "(v_00 + v_01 + v_10 + v_11)/4"
+b_x = "(v_01 + v_11 - v_00 - v_10)/(2*dx)"
+c = "(w_00 + w_01 + w_10 + w_11)/4"
+c_x = "(w_01 + w_11 - w_00 - w_10)/(2*dx)"
+[scheme]
+lagrangian = "custom"
+L = "(p*a_t - a*p_t)/4 + (p*c_x - c*p_x)/2 - (a*b_x - b*a_x)/2 - b^2/2 + a*c - a^3"
+step = 0.01
+until = 0.4
+)toml";
+  const Folder folder;
+  const std::string whole = folder / "whole.h5", parts = folder / "parts.h5", box = folder / "box.h5";
+  for (const std::string levels : {"variable", "fixed"}) {
+    INFO(levels);
+    const std::string text = soliton + "levels = \"" + levels + "\"\n";
+    const Outcome ran = run(parse_problem(text, "s.toml"), {.output = whole, .overwrite = true});
+    REQUIRE(ran.status == ExitStatus::done);
+    CHECK(ran.judgement.verdict == figures::Verdict::good);
+    CHECK(check(whole).status == ExitStatus::done);
+    CHECK(run(parse_problem(text, "s.toml", std::vector<std::string>{"scheme.until=0.2"}),
+              {.output = parts, .overwrite = true})
+              .status == ExitStatus::done);
+    CHECK(resume(parts, 0.4).status == ExitStatus::done);
+    REQUIRE(
+        run(parse_problem(replaced(text, "lagrangian = \"custom\"\nL = \"", "lagrangian = \"box\"\n# \""), "s.toml"),
+            {.output = box, .overwrite = true})
+            .status == ExitStatus::done);
+    if (levels == "fixed") {
+      CHECK(different_datasets(whole, parts) == Names{});
+      const std::vector<double> of_box = record::Reader(box).read("/levels/node_energy");
+      const std::vector<double> found = record::Reader(whole).read("/levels/node_energy");
+      for (std::size_t k = 0; k < of_box.size(); ++k) {
+        CHECK(found[k] == Approx(of_box[k]).epsilon(1e-12));
+      }
+    }
+    falsify(whole, "/states/u", 5 * 101 + 7, 1e-6);
+    CHECK(check(whole).status == ExitStatus::contradiction);
+  }
+  const ConvergenceOutcome refined =
+      converge(parse_problem(soliton, "s.toml", std::vector<std::string>{"scheme.levels=fixed", "grid.x.cells=201"}),
+               std::nullopt);
+  REQUIRE(refined.status == ExitStatus::done);
+  CHECK(refined.quantities.front().step.order().value() == Approx(2.0).margin(0.1));
+}
+
 TEST_CASE("converge sees the order of a stated action", "[run][custom]") {
   const Problem problem = parse_problem(
       nine_points, "f.toml", std::vector<std::string>{"scheme.until=2", "scheme.levels=fixed", "grid.x.cells=201"});
