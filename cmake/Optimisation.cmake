@@ -27,7 +27,7 @@ set(rubato_sources_once
   ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/splitting_formula.cpp ode/tangent.cpp ode/taylor_code.cpp
   pde/field_structure.cpp pde/first_step.cpp pde/initial_agreement.cpp pde/initial_level.cpp pde/initial_sawtooths.cpp
   pde/kernel_conditions.cpp pde/lattice.cpp pde/lattice_actions.cpp pde/lattice_between.cpp pde/lattice_method.cpp
-  pde/law_tables.cpp pde/local_laws.cpp pde/multisymplectic_system.cpp pde/periodicity.cpp pde/potential_rest.cpp
+  pde/law_tables.cpp pde/local_laws.cpp pde/mean_conditions.cpp pde/multisymplectic_system.cpp pde/periodicity.cpp pde/potential_rest.cpp
   pde/well_posedness.cpp pde/schemes/box.cpp pde/schemes/euler_box.cpp pde/schemes/fourier.cpp
   pde/schemes/leapfrog.cpp pde/schemes/splitting.cpp)
 set(rubato_sources_steps

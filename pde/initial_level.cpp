@@ -19,6 +19,7 @@
 #include <rubato/pde/initial_agreement.hpp>
 #include <rubato/pde/initial_sawtooths.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/pde/mean_conditions.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/row_rounding.hpp>
@@ -403,8 +404,8 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
 
 }  // namespace
 
-InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                   const InitialFields& given, Collocation collocation) {
+static InitialLevel level_of_constraints(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                         const InitialFields& given, Collocation collocation) {
   if (collocation == Collocation::corners) {
     LatticeLevel level = euler_box_level(system, grid, given);
     std::vector<int> computed;
@@ -454,6 +455,13 @@ InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const gr
   return {std::move(level), std::move(cautions)};
 }
 
+InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                   const InitialFields& given, Collocation collocation) {
+  InitialLevel level = level_of_constraints(system, grid, given, collocation);
+  MeanConditions(system).check(grid, given, level.level);
+  return level;
+}
+
 bool determines_no_given_field(const MultisymplecticSystem& system, const std::vector<bool>& given) {
   InitialFields fields(given.size());
   for (std::size_t f = 0; f < given.size(); ++f) {
@@ -463,7 +471,8 @@ bool determines_no_given_field(const MultisymplecticSystem& system, const std::v
   }
   try {
     const Plan plan = make_plan(system, fields);
-    return std::ranges::none_of(plan.unknowns, [&](int f) { return given[static_cast<std::size_t>(f)]; });
+    return !MeanConditions(system).any(given) &&
+           std::ranges::none_of(plan.unknowns, [&](int f) { return given[static_cast<std::size_t>(f)]; });
   } catch (const std::invalid_argument&) {
     return false;  // fields are missing
   }

@@ -50,14 +50,14 @@ struct InitialLevel {
 ///
 /// \throws std::invalid_argument if a size does not fit, a value is not finite, or a field is missing that nothing
 /// determines; InitialFieldError if data given for a field that is computed differ from it by more than truncation
-/// error explains (check_agreement)
+/// error explains (check_agreement), or break a condition on means along x (MeanConditions)
 [[nodiscard]] InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                  const InitialFields& given,
                                                  Collocation collocation = Collocation::cells);
 
-/// True if no field is missing, and none given that prepare_initial_level() computes and compares with what is given:
-/// then ranks that share a lattice (of more than one dimension, without Collocation::corners) may each call that with
-/// what is given in their parts.
+/// True if no field is missing, none given that prepare_initial_level() computes and compares with what is given, and
+/// no mean along x has to be looked at: then ranks that share a lattice (of more than one dimension, without
+/// Collocation::corners) may each call that with what is given in their parts.
 [[nodiscard]] bool determines_no_given_field(const MultisymplecticSystem& system, const std::vector<bool>& given);
 
 /// As prepare_initial_level() where constraints determine the algebraic fields, none of which is given, from all

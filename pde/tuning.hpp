@@ -142,6 +142,14 @@ inline constexpr double solved = 64.0 * epsilon;
 
 }  // namespace rubato::tuning::initial_level
 
+/// Means along x that the first level has to have (mean_conditions.cpp).
+namespace rubato::tuning::mean_conditions {
+
+/// Of the largest value: what solutions of a line leave that are cut off at the ends of a period.
+inline constexpr double cut_tails = 1e-3;
+
+}  // namespace rubato::tuning::mean_conditions
+
 /// Sawtooths of the first level (initial_sawtooths.cpp).
 namespace rubato::tuning::sawtooths {
 

@@ -283,7 +283,7 @@ TEST_CASE("equations that new users bring, each in one to three lines, run with 
        wave("equation = [\"u_tt = u_xx - u - u*n\", \"n_tt = n_xx + 2*u*u_xx + 2*u_x^2\"]", pulse + "n = 0\nn_t = 0")},
       {"Kadomtsev-Petviashvili",
        wave("equation = \"u_tx + 6*u*u_xx + 6*u_x^2 + u_xxxx + 3*u_yy = 0\"",
-            "[initial]\nu = \"sech(x)^2*cos(pi*y/5)/10\"",
+            "[initial]\nu = \"sech(x)^2*tanh(x)*cos(pi*y/5)/10\"",
             "x = { from = -10, to = 10, cells = 41 }\ny = { from = -5, to = 5, cells = 21 }")},
       {"shallow water over a bump",
        wave("fields = [\"eta\", \"v\"]\nH = \"(1 - sech(x)^2/5 + eta)*v^2/2 + eta^2/2\"\nstructure = \"dx\"\npairs = "
