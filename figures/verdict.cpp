@@ -41,6 +41,7 @@ public:
     judge_resolution();
     judge_events();
     judge_end();
+    judge_action();
     for (const Reason& reason : result_.reasons) {
       result_.verdict = std::max(result_.verdict, reason.verdict);
     }
@@ -174,6 +175,18 @@ private:
                fmt::format("the run failed at t = {:.6g}, before until = {:.6g}, and its figures hold up to there",
                            measures_.end, measures_.end_wanted),
            .remedy = "take the remedy that its message names, or end it before"});
+    }
+  }
+
+  void judge_action() {
+    if (measures_.action > 0.0) {
+      add({.kind = ReasonKind::action,
+           .verdict = Verdict::doubtful,
+           .value = measures_.action,
+           .finding = fmt::format("L does not approximate the equation: its variation stays off a row by {:.2g} of the "
+                                  "terms there, however small steps and cells are",
+                                  measures_.action),
+           .remedy = "correct L, and in a frame write it for the fields of the frame"});
     }
   }
 

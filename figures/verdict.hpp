@@ -19,9 +19,9 @@ enum class Verdict { good, doubtful, lost };
 [[nodiscard]] std::string_view to_string(Verdict verdict);
 
 /// The kinds of reasons, in the order in which they are reported; `[verdict] accept` names them.
-enum class ReasonKind { energy, law, spectrum, period, exact, resolution, event, end };
-inline constexpr std::array<std::string_view, 8> reason_words = {"energy", "law",        "spectrum", "period",
-                                                                 "exact",  "resolution", "event",    "end"};
+enum class ReasonKind { energy, law, spectrum, period, exact, resolution, event, end, action };
+inline constexpr std::array<std::string_view, 9> reason_words = {"energy",     "law",   "spectrum", "period", "exact",
+                                                                 "resolution", "event", "end",      "action"};
 [[nodiscard]] inline std::string_view to_string(ReasonKind kind) {
   return reason_words[static_cast<std::size_t>(kind)];
 }
@@ -54,6 +54,9 @@ struct Measures {
   double exact_start = none, exact_residual = none;
   /// Of a run that failed, the time at which it ended, and that at which it should have.
   double end = none, end_wanted = none;
+  /// Of a stated action, what its variation is off a row of the equation as steps and cells get smaller, relative to
+  /// the terms of the row; 0 where it approximates all of them (consistency_of).
+  double action = none;
 
   [[nodiscard]] bool accepts(ReasonKind kind) const {
     return (static_cast<unsigned>(accepted) >> static_cast<unsigned>(kind) & 1U) != 0;
@@ -61,10 +64,10 @@ struct Measures {
 
   template <typename Self, typename Visitor>
   static void visit(Self& self, Visitor&& visitor) {
-    for (auto* value :
-         {&self.accepted, &self.pure_law, &self.energy, &self.energy_t, &self.turn, &self.turn_t, &self.turn_least,
-          &self.waves, &self.waves_t, &self.rough, &self.frozen, &self.period, &self.seam, &self.seam_t,
-          &self.exact_start, &self.exact_residual, &self.exchanged, &self.end, &self.end_wanted}) {
+    for (auto* value : {&self.accepted,       &self.pure_law,   &self.energy, &self.energy_t,   &self.turn,
+                        &self.turn_t,         &self.turn_least, &self.waves,  &self.waves_t,    &self.rough,
+                        &self.frozen,         &self.period,     &self.seam,   &self.seam_t,     &self.exact_start,
+                        &self.exact_residual, &self.exchanged,  &self.end,    &self.end_wanted, &self.action}) {
       visitor(*value);
     }
   }

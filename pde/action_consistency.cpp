@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <map>
-#include <optional>
+#include <limits>
+#include <span>
+
+#include <Eigen/Dense>
 
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/pde/action_rows.hpp>
-#include <rubato/pde/static_condensation.hpp>
 
 namespace rubato {
 
@@ -28,46 +29,35 @@ constexpr double falls = 0.7;
 /// Of the terms of a row: what is smaller is the error of the differences.
 constexpr double nothing = 1e-5;
 
-/// Smooth fields; those that L does not name from their rows, which are linear in them.
+/// Smooth fields; those that L does not name from rows of the equation that read none but known ones.
 class SmoothFields {
 public:
-  SmoothFields(const MultisymplecticSystem& system, const StatedAction& stated) : system_(system) {
+  SmoothFields(const MultisymplecticSystem& system, const StatedAction& stated)
+      : system_(system), gradient_(system.gradient_code()), group_of_(system.fields().size(), unknown) {
+    std::vector<bool> used;
     for (int f = 0; f < system.field_count(); ++f) {
-      rows_.push_back(stated.names(f) ? std::nullopt : linear_row(system, f));
-      known_.push_back(stated.names(f));
+      used.push_back(stated.names(f));
+      group_of_[static_cast<std::size_t>(f)] = stated.names(f) ? smooth : unknown;
+    }
+    while (find_group(used, true) || find_group(used, false)) {
     }
   }
 
   /// True if every field has a value.
-  [[nodiscard]] bool are_known() const {
-    for (int f = 0; f < system_.field_count(); ++f) {
-      const auto i = static_cast<std::size_t>(f);
-      if (known_[i]) {
-        continue;
-      }
-      for (int g = 0; g < system_.field_count(); ++g) {
-        bool reads = system_.M()(f, g) != 0.0;
-        for (int a = 0; a < system_.directions(); ++a) {
-          reads = reads || system_.K(a)(f, g) != 0.0;
-        }
-        if (!rows_[i] || (reads && !known_[static_cast<std::size_t>(g)])) {
-          return false;
-        }
-      }
-    }
-    return true;
-  }
+  [[nodiscard]] bool are_known() const { return std::ranges::find(group_of_, unknown) == group_of_.end(); }
 
+  /// Not a number where the rows have no solution near 0 or 1.
   [[nodiscard]] double value(int f, const Event& at) const {
-    const auto i = static_cast<std::size_t>(f);
-    if (known_[i]) {
+    const int group = group_of_[static_cast<std::size_t>(f)];
+    if (group == smooth) {
       double phase = 0.4 + 1.3 * f;
       for (std::size_t a = 0; a < at.size(); ++a) {
         phase += (0.9 - 0.13 * static_cast<double>(a) + 0.05 * f) * at[a];
       }
       return 0.7 + 0.25 * std::sin(phase);
     }
-    return (moved(f, at) - rows_[i]->b) / rows_[i]->a;
+    const Group& rows = groups_[static_cast<std::size_t>(group)];
+    return solve(rows, at)(std::ranges::find(rows.fields, f) - rows.fields.begin());
   }
   /// (M z_t + Σ K_a z_{x_a})_f.
   [[nodiscard]] double moved(int f, const Event& at) const {
@@ -81,8 +71,121 @@ public:
     }
     return sum;
   }
+  /// The fields, then the coordinates that S names.
+  [[nodiscard]] std::vector<double> point(const Event& at) const {
+    std::vector<double> values;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      values.push_back(value(f, at));
+    }
+    for (const int axis : system_.coordinates()) {
+      values.push_back(at[static_cast<std::size_t>(1 + axis)]);
+    }
+    return values;
+  }
+  /// ∂S/∂z_f at such a point.
+  [[nodiscard]] double forced(int f, std::span<const double> point) const {
+    std::vector<double> outputs(1 + system_.fields().size());
+    gradient_(point, outputs);
+    return outputs[static_cast<std::size_t>(1 + f)];
+  }
 
 private:
+  static constexpr int smooth = -1, unknown = -2;
+  /// As many rows as fields that they give.
+  struct Group {
+    std::vector<int> rows, fields;
+  };
+
+  [[nodiscard]] bool is_known(int f) const { return group_of_[static_cast<std::size_t>(f)] != unknown; }
+  /// Whether unused rows whose derivatives are of known fields give as many others: one row alone, or all of them.
+  [[nodiscard]] bool find_group(std::vector<bool>& used, bool alone) {
+    Group all;
+    for (int row = 0; row < system_.field_count(); ++row) {
+      if (used[static_cast<std::size_t>(row)] || !moves_known(row)) {
+        continue;
+      }
+      Group group = alone ? Group() : all;
+      group.rows.push_back(row);
+      for (int f = 0; f < system_.field_count(); ++f) {
+        if (!is_known(f) && reads(row, f) && std::ranges::find(group.fields, f) == group.fields.end()) {
+          group.fields.push_back(f);
+        }
+      }
+      if (group.fields.size() == group.rows.size()) {
+        for (const int one : group.rows) {
+          used[static_cast<std::size_t>(one)] = true;
+        }
+        for (const int f : group.fields) {
+          group_of_[static_cast<std::size_t>(f)] = static_cast<int>(groups_.size());
+        }
+        groups_.push_back(group);
+        return true;
+      }
+      all = alone ? all : group;
+    }
+    return false;
+  }
+  [[nodiscard]] bool moves_known(int row) const {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      bool reads_it = system_.M()(row, f) != 0.0;
+      for (int a = 0; a < system_.directions(); ++a) {
+        reads_it = reads_it || system_.K(a)(row, f) != 0.0;
+      }
+      if (reads_it && !is_known(f)) {
+        return false;
+      }
+    }
+    return true;
+  }
+  [[nodiscard]] bool reads(int row, int f) const {
+    return system_.constant_hessian()(row, f) != 0.0 ||
+           std::ranges::any_of(system_.varying_hessian(), [&](const HessianEntry& e) {
+             return (e.row == row && e.column == f) || (e.row == f && e.column == row);
+           });
+  }
+
+  /// Newton's method, from where these fields are 0 or, if that fails, 1.
+  [[nodiscard]] Eigen::VectorXd solve(const Group& group, const Event& at) const {
+    constexpr int most = 50;
+    constexpr double enough = 1e-10;  // the next change would be of its square
+    std::vector<double> point(system_.variables().size(), 0.0);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const bool is_read = std::ranges::any_of(group.rows, [&](int row) { return reads(row, f); });
+      if (is_read && std::ranges::find(group.fields, f) == group.fields.end()) {
+        point[static_cast<std::size_t>(f)] = value(f, at);
+      }
+    }
+    for (std::size_t c = 0; c < system_.coordinates().size(); ++c) {
+      point[system_.fields().size() + c] = at[static_cast<std::size_t>(1 + system_.coordinates()[c])];
+    }
+    const auto count = static_cast<Eigen::Index>(group.rows.size());
+    Eigen::VectorXd moving(count), values(count), misses(count);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      moving(i) = moved(group.rows[static_cast<std::size_t>(i)], at);
+    }
+    for (const double start : {0.0, 1.0}) {
+      values.setConstant(start);
+      for (int turn = 0; turn < most; ++turn) {
+        for (Eigen::Index i = 0; i < count; ++i) {
+          point[static_cast<std::size_t>(group.fields[static_cast<std::size_t>(i)])] = values(i);
+        }
+        for (Eigen::Index i = 0; i < count; ++i) {
+          misses(i) = forced(group.rows[static_cast<std::size_t>(i)], point) - moving(i);
+        }
+        const Eigen::MatrixXd slopes = system_.hessian(point)(group.rows, group.fields);
+        const Eigen::VectorXd change = slopes.fullPivLu().solve(misses);
+        values -= change;
+        if (!values.allFinite()) {
+          break;
+        }
+        if (change.norm() <= enough * (1.0 + values.norm())) {
+          return values;
+        }
+      }
+    }
+    return Eigen::VectorXd::Constant(count, std::numeric_limits<double>::quiet_NaN());
+  }
+
   [[nodiscard]] double slope(int f, std::size_t rho, const Event& at) const {
     const auto off = [&](double by) {
       Event there = at;
@@ -93,8 +196,9 @@ private:
   }
 
   const MultisymplecticSystem& system_;
-  std::vector<std::optional<LinearRow>> rows_;
-  std::vector<bool> known_;
+  mutable formula::ScalarEvaluator gradient_;
+  std::vector<Group> groups_;
+  std::vector<int> group_of_;  ///< of each field: which group gives it
 };
 
 /// Rows of the variation at the centre for steps and cells of about this size, field by field.
@@ -145,37 +249,34 @@ std::vector<double> rows_at(const MultisymplecticSystem& system, const StatedAct
 
 }  // namespace
 
-std::vector<std::string> inconsistent_rows(const MultisymplecticSystem& system, const StatedAction& stated) {
+ActionConsistency consistency_of(const MultisymplecticSystem& system, const StatedAction& stated) {
+  ActionConsistency result;
   const SmoothFields fields(system, stated);
   if (!fields.are_known()) {
-    return {};
+    return result;
   }
-  std::vector<double> point, gradient(1 + system.fields().size());
-  for (int f = 0; f < system.field_count(); ++f) {
-    point.push_back(fields.value(f, centre));
-  }
-  for (const int axis : system.coordinates()) {
-    point.push_back(centre[static_cast<std::size_t>(1 + axis)]);
-  }
-  formula::ScalarEvaluator(system.gradient_code())(point, gradient);
+  const std::vector<double> point = fields.point(centre);
   constexpr double coarse = 1.0 / 16.0;
   const std::array sizes = {rows_at(system, stated, fields, coarse), rows_at(system, stated, fields, 0.5 * coarse),
                             rows_at(system, stated, fields, 0.25 * coarse)};
-  std::vector<std::string> wrong;
+  result.is_tested = true;
   std::size_t row = 0;
   for (int f = 0; f < system.field_count(); ++f) {
     if (!stated.names(f)) {
       continue;
     }
-    const double moved = fields.moved(f, centre), forced = gradient[static_cast<std::size_t>(1 + f)];
+    const double moved = fields.moved(f, centre), forced = fields.forced(f, point);
     const auto error = [&](std::size_t size) { return std::abs(sizes[size][row] - (moved - forced)); };
-    if (std::isfinite(error(0)) && std::isfinite(error(1)) && error(1) > falls * error(0) &&
-        error(2) > falls * error(1) && error(2) > nothing * (std::abs(moved) + std::abs(forced))) {
-      wrong.push_back(system.fields()[static_cast<std::size_t>(f)]);
+    const double terms = std::abs(moved) + std::abs(forced);
+    if (!std::isfinite(error(0) + error(1) + error(2))) {
+      result.is_tested = false;
+    } else if (error(1) > falls * error(0) && error(2) > falls * error(1) && error(2) > nothing * terms) {
+      result.wrong.push_back(system.fields()[static_cast<std::size_t>(f)]);
+      result.off = std::max(result.off, error(2) / terms);
     }
     ++row;
   }
-  return wrong;
+  return result;
 }
 
 }  // namespace rubato

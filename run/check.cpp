@@ -82,6 +82,7 @@ private:
     const figures::Names names = names_in(reader_, *observed);
     const CheckpointDisagreements checkpoint = check_checkpoint(reader_, levels, names, *observed, leader, findings_);
     check_levels(reader_, levels, problem_, checkpoint, findings_);
+    check_action(*observed);
     const bool has_gamma = observed->simulation().has_gamma();
     observed.reset();  // the states need its room
     const Spread equation = problem_.hamiltonian() != nullptr
@@ -110,6 +111,22 @@ private:
           "states, was not checked{}",
           options_.replay ? "; its steps were not taken again" : ""));
     }
+  }
+
+  /// The measure of the verdict that the problem alone determines.
+  void check_action(ObservedRun& observed) {
+    const std::string path(figures::measures_path);
+    if (problem_.scheme.density == nullptr || !reader_.has(path) || is_of_earlier_version_) {
+      return;
+    }
+    constexpr double errors_of_differences = 1e-5;
+    figures::Measures found;
+    observed.simulation().measure(0, found);
+    const std::vector<double> stored = reader_.read(path);
+    const double action = figures::measures_of(stored).action;
+    findings_.compare(
+        path, stored.size() - 1, {}, action, found.action, [] { return errors_of_differences; },
+        "from L and the equation");
   }
 
   /// What a record without every level leaves to be believed.

@@ -9,6 +9,7 @@
 
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/pde/action_consistency.hpp>
 #include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/twists.hpp>
@@ -56,6 +57,11 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
   rough_ = is_chain || names_noise(problem);
   freezes_alternating_ = by_waves;
   moves_waves_exactly_ = scheme.method == "splitting";
+  if (scheme.density != nullptr) {
+    const ActionConsistency found =
+        consistency_of(system.without_constant(), state_action(system.without_constant(), *scheme.density));
+    action_ = found.is_tested || !found.wrong.empty() ? found.off : action_;
+  }
   if (!system.coordinates().empty()) {
     const std::span<const formula::Expression> fields =
         std::span(system.variables()).first(static_cast<std::size_t>(system.field_count()));
@@ -153,6 +159,7 @@ void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double
                            figures::Measures& measures) {
   const bool is_start = h == 0.0;
   measures.rough = rough_ ? 1.0 : 0.0;
+  measures.action = action_;
   const auto count = static_cast<std::size_t>(system_.field_count());
   std::vector<Spectrum> spectra;
   for (int f = 0; f < system_.field_count(); ++f) {

@@ -53,11 +53,12 @@ private:
 
   const MultisymplecticSystem& system_;
   const grids::Grid& grid_;
-  std::vector<bool> moves_;              ///< the fields with an equation of motion, at levels
-  std::optional<NodeFormula> gradient_;  ///< ∇S, where S names a coordinate
-  bool is_driven_ = false;               ///< by walls
-  bool rough_ = false;                   ///< Measures::rough
-  bool freezes_alternating_ = false;     ///< the scheme's derivative of the shortest wave of an even number is 0
+  std::vector<bool> moves_;                  ///< the fields with an equation of motion, at levels
+  std::optional<NodeFormula> gradient_;      ///< ∇S, where S names a coordinate
+  bool is_driven_ = false;                   ///< by walls
+  double action_ = figures::Measures::none;  ///< Measures::action
+  bool rough_ = false;                       ///< Measures::rough
+  bool freezes_alternating_ = false;         ///< the scheme's derivative of the shortest wave of an even number is 0
   bool moves_waves_exactly_ = false;
   std::array<std::optional<grids::Fourier>, 3> waves_;  ///< of a line along each axis
 };

@@ -111,11 +111,15 @@ public:
                                              held.size() == 1 ? "it" : "them"));
       }
       check_slopes(system, grid, level.level);
-      if (const std::vector<std::string> wrong = inconsistent_rows(system, stated); !wrong.empty()) {
+      if (const ActionConsistency found = consistency_of(system, stated); !found.wrong.empty()) {
         level.cautions.push_back(
             fmt::format("L does not approximate the equation: the variation by {} does not approach the row of {} in "
                         "M z_t + K z_x = grad S as steps and cells get smaller",
-                        fmt::join(wrong, ", "), wrong.size() == 1 ? "it" : "them"));
+                        fmt::join(found.wrong, ", "), found.wrong.size() == 1 ? "it" : "them"));
+      } else if (!found.is_tested) {
+        level.cautions.emplace_back(
+            "whether L approximates the equation could not be tested: a field that L leaves out has no row of the "
+            "equation that gives it, or L is not defined at the values of the test; see by rubato converge");
       }
       return 0;
     });

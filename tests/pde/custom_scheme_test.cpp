@@ -253,12 +253,46 @@ TEST_CASE("densities that are nowhere in the code are of order 2", "[pde][custom
 TEST_CASE("a density of another equation is found out", "[pde][custom]") {
   const MultisymplecticSystem system = sine_gordon();
   for (const std::string& L : {box_density(), leapfrog_density, euler_box_density, midpoint_trapezoid, nine_points}) {
-    CHECK(inconsistent_rows(system, stated(system, L)).empty());
+    CHECK(consistency_of(system, stated(system, L)).wrong.empty());
   }
-  CHECK(inconsistent_rows(system, stated(system, box_density(1.01))) == std::vector<std::string>{"v"});
-  CHECK(inconsistent_rows(system, stated(system, nine_points + " - 0.01*((u_01 - u_00)/dx)^2/2")) ==
+  CHECK(consistency_of(system, stated(system, box_density(1.01))).wrong == std::vector<std::string>{"v"});
+  CHECK(consistency_of(system, stated(system, nine_points + " - 0.01*((u_01 - u_00)/dx)^2/2")).wrong ==
         std::vector<std::string>{"u"});
-  CHECK(inconsistent_rows(system, stated(system, nine_points + " + 0.001*h*u_00/dx")) == std::vector<std::string>{"u"});
+  CHECK(consistency_of(system, stated(system, nine_points + " + 0.001*h*u_00/dx")).wrong ==
+        std::vector<std::string>{"u"});
+}
+
+TEST_CASE("a density of another equation is found out where rows that are not linear give what it leaves out",
+          "[pde][custom]") {
+  const auto wrong = [](const MultisymplecticSystem& system, const std::string& L) {
+    const ActionConsistency found = consistency_of(system, stated(system, L));
+    CHECK(found.is_tested);
+    CHECK((found.off > 0.0) == !found.wrong.empty());
+    return found.wrong;
+  };
+  const std::vector<std::string> none, u = {"u"}, phi = {"phi"};
+  // The momentum of a relativistic particle; momenta that follow from two rows together.
+  const MultisymplecticSystem particles =
+      make_system({"u", "v", "w"}, {{"u", "v", -1}}, {{{"u", "w", 1}}}, "sqrt(1 + v^2) - w^2/2 + u^4/4");
+  const std::string rest = " - ((u_01 - u_00)/dx)^2/2 - u_00^4/4";
+  CHECK(wrong(particles, "-sqrt(1 - ((u_10 - u_00)/h)^2)" + rest) == none);
+  CHECK(wrong(particles, "-1.5*sqrt(1 - ((u_10 - u_00)/h)^2)" + rest) == u);
+  const MultisymplecticSystem pairs =
+      make_system({"u", "q", "v", "p", "w", "s"}, {{"u", "v", -1}, {"q", "p", -1}}, {{{"u", "w", 1}, {"q", "s", 1}}},
+                  "sqrt(1 + v^2 + p^2) - (w^2 + s^2)/2");
+  const std::string strings = " - ((u_01 - u_00)/dx)^2/2 - ((q_01 - q_00)/dx)^2/2";
+  CHECK(wrong(pairs, "-sqrt(1 - ((u_10 - u_00)/h)^2 - ((q_10 - q_00)/h)^2)" + strings) == none);
+  CHECK(wrong(pairs, "-sqrt(1 - ((u_10 - u_00)/h)^2 - 0.9*((q_10 - q_00)/h)^2)" + strings) ==
+        std::vector<std::string>{"u", "q"});
+  // u_t + u u_x = 0 by its potential: the row of w gives u, and that of u gives w.
+  const MultisymplecticSystem hopf =
+      make_system({"phi", "u", "w"}, {{"phi", "u", 0.5}}, {{{"phi", "w", 1}}}, "u^3/6 - u*w");
+  const std::string p_t = slope("phi", 0), p_x = slope("phi", 1);
+  CHECK(wrong(hopf, fmt::format("-{}*{}/2 - {}^3/6", p_t, p_x, p_x)) == none);
+  CHECK(wrong(hopf, fmt::format("-{}*{}/2 - {}^3/5", p_t, p_x, p_x)) == phi);
+  // A field that no row gives, and a density that is not defined at the values of the test.
+  CHECK_FALSE(consistency_of(sine_gordon(), stated(sine_gordon(), "v_10*v_00")).is_tested);
+  CHECK_FALSE(consistency_of(particles, stated(particles, "sqrt(u_10 - u_00 - 5)")).is_tested);
 }
 
 TEST_CASE("modes that no row determines are found and held", "[pde][custom]") {

@@ -158,6 +158,37 @@ TEST_CASE("converge sees the order of a stated action", "[run][custom]") {
   CHECK_THAT(to_json(of_wrong), Contains("L does not approximate the equation: the variation by u"));
 }
 
+TEST_CASE("a stated action of another equation makes a run doubtful, in its record and where that is checked, too",
+          "[run][custom]") {
+  const Folder folder;
+  const std::string file = folder / "wrong.h5";
+  const auto reasons = [&](const std::string& text, figures::Verdict expected) {
+    const Outcome ran = run(parse_problem(text, "f.toml", std::vector<std::string>{"scheme.until=0.5"}),
+                            {.output = file, .overwrite = true});
+    CHECK(ran.status == ExitStatus::done);
+    CHECK(ran.judgement.verdict == expected);
+    const Outcome checked = check(file);
+    CHECK(checked.status == ExitStatus::done);
+    CHECK(figures::text_of(checked.judgement) == figures::text_of(ran.judgement));
+    return figures::text_of(ran.judgement);
+  };
+  CHECK(reasons(nine_points, figures::Verdict::good) == "good");
+  const std::string wrong = replaced(nine_points, "- 1 + cos", "- slope^2/50 - 1 + cos");
+  CHECK_THAT(reasons(wrong, figures::Verdict::doubtful), Contains("L does not approximate the equation"));
+  CHECK_THAT(reasons(wrong + "[verdict]\naccept = [\"action\"]\n", figures::Verdict::good),
+             Contains("accepted by [verdict]: L does not"));
+  // In a frame L is of the fields there.
+  const std::string moving = nine_points + "frame = { velocity = 0.5 }\nlevels = \"fixed\"\n";
+  CHECK_THAT(reasons(moving, figures::Verdict::doubtful), Contains("L does not approximate the equation"));
+  CHECK(reasons(replaced(moving, "rate^2/2", "(rate - 0.5*slope)^2/2"), figures::Verdict::good) == "good");
+  // A record that conceals it contradicts its problem.
+  CHECK(reasons(nine_points, figures::Verdict::good) == "good");
+  replace_problem(file, wrong);
+  const Outcome concealed = check(file);
+  CHECK(concealed.status == ExitStatus::contradiction);
+  CHECK(std::ranges::count(concealed.disagreements, figures::measures_path, &Disagreement::dataset) == 1);
+}
+
 TEST_CASE("a second level of the problem begins a stated action", "[run][custom]") {
   const Folder folder;
   const std::string file = folder / "next.h5";
