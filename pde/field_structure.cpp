@@ -138,6 +138,43 @@ void refuse_undetermined(const MultisymplecticSystem& system, const MatrixXd& he
       fmt::join(names, ", ")));
 }
 
+/// Waves across x alone on which the equations leave fields free, whatever the rate: u_yyt, u = φ_x, has φ + f(y, t)
+/// with φ. They may be held where derivatives do not see them, or see them as D = sM, as in a frame that moves.
+void refuse_undetermined_across(const MultisymplecticSystem& system, std::mt19937_64& random) {
+  const Index d = system.field_count();
+  constexpr int samples = 3;
+  std::uniform_real_distribution<double> wave(0.5, 1.5);
+  for (int a = 1; a < system.directions(); ++a) {
+    const MatrixXcd M = system.M().cast<std::complex<double>>();
+    const MatrixXcd D = std::complex<double>(0.0, wave(random)) * system.K(a).cast<std::complex<double>>();
+    const double rate = wave(random);
+    MatrixXcd symbols(samples * d, d);
+    for (int s = 0; s < samples; ++s) {
+      symbols.middleRows(s * d, d) = rate * M + D - generic_hessian(system, random).cast<std::complex<double>>();
+    }
+    const MatrixXcd free = null_space(symbols), moved = solve::product(M, free), seen = solve::product(D, free);
+    MatrixXcd both(d, 2 * free.cols());
+    both << moved, seen;
+    if (free.cols() == 0 || rank(both) == rank(moved)) {
+      continue;
+    }
+    std::vector<std::string> names;
+    const auto in_support = support(free);
+    for (std::size_t f = 0; f < in_support.size(); ++f) {
+      if (in_support[f] && !system.K(a).col(static_cast<Index>(f)).isZero(0.0)) {
+        names.push_back(system.fields()[f]);
+      }
+    }
+    const char y = "xyz"[a];
+    throw std::invalid_argument(fmt::format(
+        "on waves across x, functions of {0} and t alone, the equations leave {1} free, and derivatives by {0} see "
+        "that: no step is determined. A derivative by {0} and t, such as u_{0}{0}t beside u_t, does this: leave it "
+        "out. "
+        "(With derivatives by x alone, (1 - dxx) u_t = dx(dH/du), H with structure = \"dx/(1-dxx)\" has a step)",
+        y, fmt::join(names, ", ")));
+  }
+}
+
 /// Constant vectors b with b·∇S = 0, from gradients at random points.
 MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt19937_64& random) {
   const Index d = system.field_count();
@@ -279,6 +316,8 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
   std::mt19937_64 random(20);  // any seed: the exceptional points have measure zero
   const MatrixXd hessian = generic_hessian(system, random);
   refuse_undetermined(system, hessian, random);
+  std::mt19937_64 others(21);
+  refuse_undetermined_across(system, others);
 
   const Index d = system.field_count();
   FieldStructure result;

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/pde/field_system.hpp>
+
 #include "equations.hpp"
 
 using namespace rubato;
@@ -141,4 +143,21 @@ TEST_CASE("the units of fields and equations do not matter") {
         make_system({"a", "b", "w"}, {{"a", "b", c}}, {{{"a", "b", 1}}}, fmt::format("a^2 + {:.17g}*b^2", c)),
         Catch::Contains("the field w is not determined"));
   }
+}
+
+TEST_CASE("a potential that is free across x is refused where derivatives by y and t see it") {
+  const auto of = [](const std::string& equation, int dimensions = 2) {
+    return equation_system({"u"}, {equation}, {}, dimensions);
+  };
+  CHECK_THROWS_WITH(of("u_t + u_x + u*u_x - u_xxt - u_yyt = 0"),
+                    Catch::Contains("functions of y and t alone, the equations leave potential_u") &&
+                        Catch::Contains("leave it out"));
+  CHECK_THROWS_WITH(of("u_t + u*u_x - u_zzt = 0", 3), Catch::Contains("functions of z and t alone"));
+  // The twins: along x alone, by y alone, and potentials that no derivative by y sees, in a frame that moves, too.
+  CHECK_NOTHROW(of("u_t + u_x + u*u_x - u_xxt = 0"));
+  CHECK_NOTHROW(of("u_xt + 6*u_x^2 + 6*u*u_xx + u_xxxx + 3*u_yy = 0"));
+  CHECK_NOTHROW(of("u_tt - u_xxtt - u_yytt = u_xx + u_yy"));
+  const MultisymplecticSystem zk = of("u_t + u*u_x + u_xxx + u_xyy = 0");
+  CHECK_NOTHROW(
+      MultisymplecticSystem(zk.graph(), zk.fields(), zk.M(), {zk.K(0), zk.K(1) - 0.7 * zk.M()}, zk.expression()));
 }
