@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <span>
+#include <utility>
 
 #include <Eigen/Dense>
 
@@ -32,8 +33,13 @@ constexpr double nothing = 1e-5;
 /// Smooth fields; those that L does not name from rows of the equation that read none but known ones.
 class SmoothFields {
 public:
-  SmoothFields(const MultisymplecticSystem& system, const StatedAction& stated)
-      : system_(system), gradient_(system.gradient_code()), group_of_(system.fields().size(), unknown) {
+  SmoothFields(const MultisymplecticSystem& system, const StatedAction& stated, std::vector<double> centres,
+               double size)
+      : system_(system),
+        gradient_(system.gradient_code()),
+        centres_(std::move(centres)),
+        size_(size),
+        group_of_(system.fields().size(), unknown) {
     std::vector<bool> used;
     for (int f = 0; f < system.field_count(); ++f) {
       used.push_back(stated.names(f));
@@ -54,7 +60,7 @@ public:
       for (std::size_t a = 0; a < at.size(); ++a) {
         phase += (0.9 - 0.13 * static_cast<double>(a) + 0.05 * f) * at[a];
       }
-      return 0.7 + 0.25 * std::sin(phase);
+      return centres_[static_cast<std::size_t>(f)] + size_ * std::sin(phase);
     }
     const Group& rows = groups_[static_cast<std::size_t>(group)];
     return solve(rows, at)(std::ranges::find(rows.fields, f) - rows.fields.begin());
@@ -197,6 +203,8 @@ private:
 
   const MultisymplecticSystem& system_;
   mutable formula::ScalarEvaluator gradient_;
+  std::vector<double> centres_;
+  double size_;
   std::vector<Group> groups_;
   std::vector<int> group_of_;  ///< of each field: which group gives it
 };
@@ -247,11 +255,10 @@ std::vector<double> rows_at(const MultisymplecticSystem& system, const StatedAct
   return found;
 }
 
-}  // namespace
-
-ActionConsistency consistency_of(const MultisymplecticSystem& system, const StatedAction& stated) {
+ActionConsistency consistency_near(const MultisymplecticSystem& system, const StatedAction& stated,
+                                   const std::vector<double>& centres, double size) {
   ActionConsistency result;
-  const SmoothFields fields(system, stated);
+  const SmoothFields fields(system, stated, centres, size);
   if (!fields.are_known()) {
     return result;
   }
@@ -266,7 +273,7 @@ ActionConsistency consistency_of(const MultisymplecticSystem& system, const Stat
       continue;
     }
     const double moved = fields.moved(f, centre), forced = fields.forced(f, point);
-    const auto error = [&](std::size_t size) { return std::abs(sizes[size][row] - (moved - forced)); };
+    const auto error = [&](std::size_t of) { return std::abs(sizes[of][row] - (moved - forced)); };
     const double terms = std::abs(moved) + std::abs(forced);
     if (!std::isfinite(error(0) + error(1) + error(2))) {
       result.is_tested = false;
@@ -277,6 +284,21 @@ ActionConsistency consistency_of(const MultisymplecticSystem& system, const Stat
     ++row;
   }
   return result;
+}
+
+}  // namespace
+
+ActionConsistency consistency_of(const MultisymplecticSystem& system, const StatedAction& stated) {
+  const std::vector<double> middles(system.fields().size(), 0.7);
+  constexpr double large = 0.25, small = 0.05;
+  ActionConsistency found = consistency_near(system, stated, middles, large);
+  if (!found.is_tested) {
+    found = consistency_near(system, stated, middles, small);
+  }
+  if (!found.is_tested && !stated.typical.empty()) {
+    found = consistency_near(system, stated, stated.typical, small);
+  }
+  return found;
 }
 
 }  // namespace rubato

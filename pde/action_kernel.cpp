@@ -36,19 +36,22 @@ public:
     for (const ActionEquations::Entry& entry : entries_) {
       formulas.push_back(entry.value);
     }
-    std::mt19937_64 random(45);
-    std::uniform_real_distribution<double> value(0.2, 1.2);
+    const auto is_defined = [&](const ActionRows::Probe& probe) {
+      take_values(rows, formulas, h, probe);
+      return std::ranges::all_of(values_, [](const std::vector<double>& state) {
+        return std::ranges::all_of(state, [](double value) { return std::isfinite(value); });
+      });
+    };
+    if (std::ranges::none_of(rows.probes(), is_defined)) {
+      throw std::invalid_argument(fmt::format(
+          "the second derivatives of L are not defined at steps of {:.3g}, neither at fields between 0.2 and "
+          "1.2 nor near the initial data: see to it that L has them there",
+          h));
+    }
     MatrixXd sizes = MatrixXd::Zero(size_, size_);
-    for (int state = 0; state < states; ++state) {
-      std::map<std::pair<NodeInput::Kind, int>, double> known;
-      values_.push_back(rows.values(formulas, [&](const NodeInput& input) {
-        if (input.kind == NodeInput::Kind::uniform) {
-          return input.number == NodeVariation::number_of_h ? h : 1.0 / h;
-        }
-        return known.try_emplace({input.kind, input.number}, value(random)).first->second;
-      }));
+    for (const std::vector<double>& state : values_) {
       for (std::size_t e = 0; e < entries_.size(); ++e) {
-        sizes(entries_[e].row, entries_[e].column) += std::abs(values_.back()[e]);
+        sizes(entries_[e].row, entries_[e].column) += std::abs(state[e]);
       }
     }
     scale(sizes);
@@ -75,6 +78,29 @@ public:
   [[nodiscard]] const VectorXd& column_scale() const { return column_scale_; }
 
 private:
+  void take_values(const ActionRows& rows, std::span<const Expression> formulas, double h,
+                   const ActionRows::Probe& probe) {
+    std::mt19937_64 random(45);
+    const int d = rows.system().field_count();
+    values_.clear();
+    for (int state = 0; state < states; ++state) {
+      std::map<std::pair<NodeInput::Kind, int>, double> known;
+      values_.push_back(rows.values(formulas, [&](const NodeInput& input) {
+        if (input.kind == NodeInput::Kind::uniform) {
+          return input.number == NodeVariation::number_of_h ? h : 1.0 / h;
+        }
+        const bool is_field = input.kind == NodeInput::Kind::node && input.number < 2 * d;
+        const int field = is_field ? input.number % d : -1;
+        const auto of = [&](int number) {
+          return known.try_emplace({input.kind, number}, probe.draw(random, field)).first->second;
+        };
+        // Where fields are near each other, levels are by the step.
+        return !is_field || input.number < d || !probe.is_narrow()
+                   ? of(input.number)
+                   : of(field) + h * (of(input.number) - probe.centres[static_cast<std::size_t>(field)]);
+      }));
+    }
+  }
   [[nodiscard]] MatrixXcd symbol(int state, const std::array<double, 3>& wave) const {
     MatrixXcd matrix = MatrixXcd::Zero(size_, size_);
     for (std::size_t e = 0; e < entries_.size(); ++e) {

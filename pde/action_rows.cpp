@@ -40,13 +40,16 @@ ActionRows::ActionRows(const MultisymplecticSystem& system, const grids::Grid& g
             .upper = variation_.values(Level::after, f),
             .momentum = {},
             .in_slab = is_in_slab(f)};
+    rows_.push_back(row);
+  }
+  find_probes(stated);
+  for (Row& row : rows_) {
     if (row.in_slab) {
       row.momentum = variation_.graph().constant(0.0);
       row.row = row.upper;
     } else {
       find_momentum(stated, two_step, row);
     }
-    rows_.push_back(row);
   }
   for (Row& row : rows_) {
     if (!row.row.valid()) {
@@ -55,6 +58,48 @@ ActionRows::ActionRows(const MultisymplecticSystem& system, const grids::Grid& g
   }
   factor(stated.cell_equations);
   find_derived(stated);
+}
+
+void ActionRows::find_probes(const StatedAction& stated) {
+  const auto d = system_.fields().size();
+  constexpr double middle = 0.7, wide = 0.5, narrow = 0.02;
+  std::vector<Probe> tried = {{std::vector<double>(d, middle), wide}, {std::vector<double>(d, middle), narrow}};
+  if (!stated.typical.empty()) {
+    tried.push_back({stated.typical, narrow});
+  }
+  std::vector<Expression> formulas;
+  for (const Row& row : rows_) {
+    formulas.insert(formulas.end(), {row.lower, row.upper});
+  }
+  std::size_t undefined = 0;
+  for (const Probe& one : tried) {
+    std::mt19937_64 random(45);
+    bool is_defined = true;
+    for (int trial = 0; trial < trials && is_defined; ++trial) {
+      const std::vector<double> found = values(formulas, [&](const NodeInput& input) {
+        const bool is_field = input.kind == NodeInput::Kind::node && input.number < 2 * static_cast<int>(d);
+        return one.draw(random, is_field ? input.number % static_cast<int>(d) : -1);
+      });
+      const auto first = std::ranges::find_if(found, [](double value) { return !std::isfinite(value); });
+      is_defined = first == found.end();
+      undefined = is_defined ? undefined : static_cast<std::size_t>(first - found.begin()) / 2;
+    }
+    if (is_defined) {
+      probes_.push_back(one);
+    }
+  }
+  if (!probes_.empty()) {
+    return;
+  }
+  std::string near;
+  for (std::size_t f = 0; f < stated.typical.size(); ++f) {
+    near += stated.names(static_cast<int>(f)) ? fmt::format("{}{} = {:.3g}", near.empty() ? ", nor near " : ", ",
+                                                            system_.fields()[f], stated.typical[f])
+                                              : "";
+  }
+  throw std::invalid_argument(fmt::format(
+      "the variation of L by {} is not defined at fields between 0.2 and 1.2{}: see to it that L has derivatives there",
+      system_.fields()[static_cast<std::size_t>(rows_[undefined].field)], near));
 }
 
 void ActionRows::factor(std::span<const Expression> equations) {
@@ -85,9 +130,12 @@ void ActionRows::factor(std::span<const Expression> equations) {
     const double factor = (row.in_slab ? 1.0 : 0.5) / corners;
     const std::array formulas{row.row - factor * (variation_.step() * mean), row.lower, row.upper};
     std::mt19937_64 random(45);
-    std::uniform_real_distribution<double> value(0.2, 1.2);
+    const int d = system_.field_count();
     for (int trial = 0; trial < trials; ++trial) {
-      const std::vector<double> found = values(formulas, [&](const NodeInput&) { return value(random); });
+      const std::vector<double> found = values(formulas, [&](const NodeInput& input) {
+        return probes_.front().draw(
+            random, input.kind == NodeInput::Kind::node && input.number < 2 * d ? input.number % d : -1);
+      });
       if (!(std::abs(found[0]) <= rounding_of_terms * (std::abs(found[1]) + std::abs(found[2])))) {
         return;
       }
@@ -140,15 +188,17 @@ bool ActionRows::has_level_momentum(const Row& row) const {
   const Expression sum = row.upper - row.lower;
   const std::array formulas{sum, row.upper, row.lower};
   std::mt19937_64 random(45);
-  std::uniform_real_distribution<double> value(0.2, 1.2);
   const int d = system_.field_count();
   for (int trial = 0; trial < trials; ++trial) {
     std::map<std::tuple<int, int, std::array<int, 3>>, double> known;
     const auto of_level = [&](int level, const NodeInput& input) {
-      return known.try_emplace({level, input.number, input.offset}, value(random)).first->second;
+      const bool is_field = input.kind == NodeInput::Kind::node && input.number < d;
+      return known
+          .try_emplace({level, input.number, input.offset}, probes_.front().draw(random, is_field ? input.number : -1))
+          .first->second;
     };
     const auto between = [&](int lower, int upper) {
-      const double h = value(random);
+      const double h = probes_.front().draw(random);
       constexpr int steady = -1;
       return values(formulas, [&](const NodeInput& input) {
         if (input.kind == NodeInput::Kind::uniform) {
@@ -159,7 +209,7 @@ bool ActionRows::has_level_momentum(const Row& row) const {
         }
         const int field = input.number % d;
         if (is_in_slab(field)) {
-          return value(random);
+          return probes_.front().draw(random, field);
         }
         NodeInput place = input;
         place.number = field;

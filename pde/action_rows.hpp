@@ -3,6 +3,7 @@
 #include <functional>
 #include <initializer_list>
 #include <optional>
+#include <random>
 #include <span>
 #include <vector>
 
@@ -53,7 +54,8 @@ public:
   };
 
   /// \param two_step keep all momenta that the one-step form has as G
-  /// \throws std::invalid_argument naming a field that the action neither names nor gives
+  /// \throws std::invalid_argument naming a field that the action neither names nor gives, or by whose values the
+  /// variation is not defined at any of the values tried
   ActionRows(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
              bool two_step = false);
 
@@ -111,7 +113,21 @@ public:
   [[nodiscard]] std::vector<double> values(std::span<const formula::Expression> formulas,
                                            const std::function<double(const NodeInput&)>& of) const;
 
+  /// Values at which rows are looked at: z_f at random in centres[f] ± width, and other inputs in 0.7 ± width.
+  struct Probe {
+    std::vector<double> centres;
+    double width = 0.5;
+    [[nodiscard]] bool is_narrow() const { return width < 0.5; }
+    [[nodiscard]] double draw(std::mt19937_64& random, int field = -1) const {
+      const double centre = field < 0 ? 0.7 : centres[static_cast<std::size_t>(field)];
+      return std::uniform_real_distribution<double>(centre - width, centre + width)(random);
+    }
+  };
+  /// Those of some at which all rows are defined, at least one; h is as large as the others are there.
+  [[nodiscard]] const std::vector<Probe>& probes() const { return probes_; }
+
 private:
+  void find_probes(const StatedAction& stated);
   [[nodiscard]] formula::Expression along(formula::Expression formula, bool lower, bool upper);
   [[nodiscard]] bool is_in_slab(int field) const { return system_.structure().at_midpoints(field); }
   [[nodiscard]] bool reads_upper(formula::Expression formula) const { return !upper_inputs(formula).empty(); }
@@ -128,6 +144,7 @@ private:
   NodeVariation variation_;
   std::vector<Row> rows_;
   std::vector<Derived> derived_;
+  std::vector<Probe> probes_;
   int kept_ = 0;
   bool has_late_rows_ = false, has_momentum_fields_ = false, has_one_step_form_ = false, symmetric_ = false;
 };

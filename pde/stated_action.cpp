@@ -43,4 +43,12 @@ StatedAction state_action(const MultisymplecticSystem& system, CornerDensity den
           .drives = std::move(drives)};
 }
 
+std::vector<double> typical_values(const LatticeLevel& level) {
+  std::vector<double> values;
+  for (int f = 0; f < level.fields.fields(); ++f) {
+    values.push_back(level.fields.field(f)[level.fields.size() / 3]);
+  }
+  return values;
+}
+
 }  // namespace rubato

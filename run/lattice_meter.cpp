@@ -43,7 +43,8 @@ bool names_noise(const Problem& problem) {
 
 }  // namespace
 
-LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid)
+LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid,
+                           const LatticeLevel& first)
     : system_(system), grid_(grid) {
   for (int f = 0; f < system.field_count(); ++f) {
     moves_.push_back(!system.M().row(f).isZero() && !system.structure().at_midpoints(f));
@@ -58,8 +59,9 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
   freezes_alternating_ = by_waves;
   moves_waves_exactly_ = scheme.method == "splitting";
   if (scheme.density != nullptr) {
-    const ActionConsistency found =
-        consistency_of(system.without_constant(), state_action(system.without_constant(), *scheme.density));
+    StatedAction stated = state_action(system.without_constant(), *scheme.density);
+    stated.typical = typical_values(first);
+    const ActionConsistency found = consistency_of(system.without_constant(), stated);
     action_ = found.is_tested || !found.wrong.empty() ? found.off : action_;
   }
   if (!system.coordinates().empty()) {

@@ -24,7 +24,9 @@ namespace rubato {
 /// part in the energy is bounded by e_f = Σ_g (|S''_fg| + |K_fg| k_g) |z_f| |z_g|, a number that no unit changes.
 class LatticeMeter {
 public:
-  LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid);
+  /// \param first the level at the start
+  LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid,
+               const LatticeLevel& first);
 
   /// \param number of the level; the steps are compared with the waves where it is a power of two, which is enough to
   /// see waves come up \param h of the step that led to the level; 0 at the start

@@ -39,7 +39,7 @@ public:
         whole_(make_jumps(problem), lattice_.grid(), lattice_.system().field_count()),
         energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
         mirrors_(make_mirrors(lattice_)),
-        meter_(problem, lattice_.system(), mirrors_ ? mirrors_->ring() : lattice_.grid()),
+        meter_(problem, lattice_.system(), mirrors_ ? mirrors_->ring() : lattice_.grid(), lattice_.level()),
         previous_t_(lattice_.t()) {
     step_by(lattice_);
     for (const auto& formula : problem.multisymplectic()->initial) {

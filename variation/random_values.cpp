@@ -48,21 +48,28 @@ std::vector<double> values_at(std::span<const formula::Expression> formulas,
 }
 
 bool vanishes_at_random(formula::Expression formula, std::span<const formula::Expression> terms) {
-  std::mt19937_64 random(45);
-  std::uniform_real_distribution<double> value(0.2, 1.2);
   std::vector<formula::Expression> all = {formula};
   all.insert(all.end(), terms.begin(), terms.end());
-  for (int trial = 0; trial < trials; ++trial) {
-    const std::vector<double> found = values_at(all, [&](std::size_t) { return value(random); });
-    double largest = 0.0;
-    for (std::size_t i = 1; i < found.size(); ++i) {
-      largest = std::max(largest, std::abs(found[i]));
+  for (const auto& [low, high] : ranges_of_values) {
+    std::mt19937_64 random(45);
+    std::uniform_real_distribution<double> value(low, high);
+    bool is_defined = true;
+    for (int trial = 0; trial < trials && is_defined; ++trial) {
+      const std::vector<double> found = values_at(all, [&](std::size_t) { return value(random); });
+      is_defined = std::ranges::all_of(found, [](double one) { return std::isfinite(one); });
+      double largest = 0.0;
+      for (std::size_t i = 1; i < found.size(); ++i) {
+        largest = std::max(largest, std::abs(found[i]));
+      }
+      if (is_defined && !(std::abs(found.front()) <= rounding * largest)) {
+        return false;
+      }
     }
-    if (!(std::abs(found.front()) <= rounding * largest)) {
-      return false;
+    if (is_defined) {
+      return true;
     }
   }
-  return true;
+  return false;
 }
 
 }  // namespace rubato

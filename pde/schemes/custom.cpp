@@ -103,7 +103,8 @@ public:
                                                                  : Collocation::nodes);
     const double h = grid.spacing(0);
     refused([&] {
-      const StatedAction stated = state_action(system, *density_);
+      StatedAction stated = state_action(system, *density_);
+      stated.typical = typical_values(level.level);
       ActionStep step(system, grid, stated, h);
       step.constrain(h, level.level);
       if (const std::vector<std::string> held = step.held(); !held.empty()) {
@@ -128,8 +129,8 @@ public:
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return refused([&] {
-      return make_action_scheme(system, grid, state_action(system, *density_, drives_), next_, std::move(first),
-                                first_step);
+      const StatedAction stated = stated_near(system, first);
+      return make_action_scheme(system, grid, stated, next_, std::move(first), first_step);
     });
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
@@ -139,7 +140,7 @@ public:
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return make_action_equation(system, grid, state_action(system, *density_, drives_), next_, first, first_step);
+    return make_action_equation(system, grid, stated_near(system, first), next_, first, first_step);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
                                                       const grids::Grid& grid) const override {
@@ -147,6 +148,11 @@ public:
   }
 
 private:
+  [[nodiscard]] StatedAction stated_near(const MultisymplecticSystem& system, const LatticeLevel& level) const {
+    StatedAction stated = state_action(system, *density_, drives_);
+    stated.typical = typical_values(level);
+    return stated;
+  }
   /// A potential that L reads itself has its periodic part there alone.
   void check_slopes(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& level) const {
     constexpr double rounding = 1e-14;
