@@ -266,7 +266,7 @@ public:
 
   void correct(const FieldSet& fields) override {
     level_.fields.copy_from(fields);
-    level_is_current_ = true;
+    level_is_current_ = map_.rows().names_all();  // what follows from others follows from these, as after restore()
     map_.step().begin(level_);
   }
 

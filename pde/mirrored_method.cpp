@@ -107,7 +107,7 @@ public:
     // The rounding error of the mirrors would grow where solutions are unstable.
     mirrors_.extend(level_.fields, ring_);
     scheme_->correct(ring_);
-    mirrors_.restrict(ring_, level_.fields);
+    mirrors_.restrict_within(scheme_->level().fields, level_.fields);
   }
   void save(StateWriter& state) const override { scheme_->save(state); }
   void restore(StateReader& state) override {

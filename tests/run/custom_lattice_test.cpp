@@ -189,6 +189,36 @@ TEST_CASE("a stated action of another equation makes a run doubtful, in its reco
   CHECK(std::ranges::count(concealed.disagreements, figures::measures_path, &Disagreement::dataset) == 1);
 }
 
+TEST_CASE("between walls a stated action's derived fields are those of the fields that its checkpoint has",
+          "[run][custom]") {
+  const Folder folder;
+  const std::string file = folder / "walls.h5", parts = folder / "parts.h5";
+  const std::string text =
+      replaced(replaced(nine_points, "x = { from = -20, to = 20, cells = 101 }",
+                        "x = { from = -20, to = 20, cells = 40, left = \"fixed\", right = \"fixed\" }"),
+               "4*g*sech(g*x)", "0.2*cos(pi*x/40)");
+  for (const std::string levels : {"fixed", "variable"}) {
+    const auto run_to = [&](const std::string& until, const std::string& to) {
+      const std::vector<std::string> settings = {"scheme.until=" + until, "scheme.levels=" + levels,
+                                                 "initial.u=0.7*cos(pi*x/40)+0.3*sin(pi*x/20)"};
+      REQUIRE(run(parse_problem(text, "w.toml", settings), {.output = to, .overwrite = true}).status ==
+              ExitStatus::done);
+    };
+    for (const std::string until : {"10", "15", "20"}) {
+      run_to(until, file);
+      CHECK(check(file).status == ExitStatus::done);
+    }
+    run_to("10", parts);
+    CHECK(resume(parts, 20.0).status == ExitStatus::done);
+    if (levels == "fixed") {
+      CHECK(different_datasets(file, parts) == Names{});
+    }
+    const std::size_t numbers = record::Reader(file).read("/states/w").size();
+    falsify(file, "/states/w", numbers - 1, 1e-15);
+    CHECK(check(file).status == ExitStatus::contradiction);
+  }
+}
+
 TEST_CASE("a second level of the problem begins a stated action", "[run][custom]") {
   const Folder folder;
   const std::string file = folder / "next.h5";
