@@ -1,9 +1,10 @@
 #include <algorithm>
 #include <array>
-#include <cctype>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <optional>
+#include <random>
 #include <ranges>
 #include <regex>
 #include <set>
@@ -14,12 +15,15 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/parse.hpp>
+#include <rubato/formula/sum.hpp>
 #include <rubato/pde/field_system.hpp>
 #include <rubato/pde/inverse_problem.hpp>
 #include <rubato/pde/linear_symmetries.hpp>
 #include <rubato/pde/multisymplectic_form.hpp>
 #include <rubato/problem/complex_parts.hpp>
+#include <rubato/problem/jet_formulas.hpp>
 #include <rubato/problem/keys.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/mixed_rates.hpp>
@@ -27,40 +31,6 @@
 
 namespace rubato {
 namespace {
-
-/// The directions of [grid], whose reader refuses what else is wrong with it.
-std::vector<std::string> axes_of(const Section& root) {
-  std::vector<std::string> axes;
-  if (const Entry* grid = find(root.entries(), "grid"); grid != nullptr && grid->value.table() != nullptr) {
-    for (const std::string_view axis : axis_letters) {
-      if (find(*grid->value.table(), axis) != nullptr) {
-        axes.emplace_back(axis);
-      }
-    }
-  }
-  return axes;
-}
-
-/// The names in a text.
-std::set<std::string> names_in(std::string_view text) {
-  const auto begins = [](char c) { return (std::isalpha(static_cast<unsigned char>(c)) != 0) || c == '_'; };
-  const auto goes_on = [&](char c) { return begins(c) || (std::isdigit(static_cast<unsigned char>(c)) != 0); };
-  std::set<std::string> names;
-  for (std::size_t i = 0; i < text.size();) {
-    if (!goes_on(text[i])) {
-      ++i;
-      continue;
-    }
-    const std::size_t first = i;
-    while (i < text.size() && goes_on(text[i])) {
-      ++i;
-    }
-    if (begins(text[first])) {
-      names.emplace(text.substr(first, i - first));
-    }
-  }
-  return names;
-}
 
 /// The names of equations that have derivatives, in the order in which they come.
 std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
@@ -87,14 +57,37 @@ std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
 
 constexpr DerivativeOrder by_t = {1, 0, 0, 0};
 
+/// True if the terms of a sum cancel whatever their variables are, as those of the imaginary part of psi*conj(psi) do.
+bool vanishes(formula::Expression sum, formula::Graph& graph) {
+  std::vector<formula::Expression> terms = formula::terms_of(sum, formula::Products::expanded), variables;
+  for (const std::size_t variable : formula::variables_of(sum)) {
+    variables.push_back(graph.variable(graph.variable_name(variable)));
+  }
+  formula::ScalarEvaluator evaluate(formula::Bytecode(terms, variables));
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> value(0.5, 1.5);
+  std::vector<double> point(variables.size()), values(terms.size());
+  constexpr int points = 5;
+  constexpr double rounding = 1e-12;
+  for (int n = 0; n < points; ++n) {
+    std::ranges::generate(point, [&] { return value(random); });
+    evaluate(point, values);
+    double total = 0.0, size = 0.0;
+    for (const double term : values) {
+      total += term;
+      size += std::abs(term);
+    }
+    if (!(std::abs(total) <= rounding * size)) {
+      return false;
+    }
+  }
+  return true;
+}
+
 /// [field]: L, H with its structure, or equations, as a density.
 class FieldReader {
 public:
-  FieldReader(Section& root, Section& section)
-      : root_(root), section_(section), taken_(names_of_lattice(root)), axes_(axes_of(root)) {
-    density_.graph = std::make_shared<formula::Graph>();
-    density_.dimensions = static_cast<int>(axes_.size());
-  }
+  FieldReader(Section& root, Section& section) : root_(root), section_(section), jets_(root), density_(jets_.density) {}
 
   /// [multisymplectic] of the problem, and where it was stated.
   Entry derive() {
@@ -116,17 +109,17 @@ public:
         read_equations(equation->value);
       } else {
         read_fields(section_.require("fields", R"(the names of the fields, such as ["u"])").value);
-        parameters_ = read_parameters(root_, taken_);
+        jets_.parameters = read_parameters(root_, jets_.taken);
         const FormulaText text = read_formula(stated.value, stated.key);
-        name_derivatives(text.text);
+        jets_.name_derivatives(text.text);
         check_rates(L != nullptr ? 1 : 0);
-        const formula::Expression density = build(text);
+        const formula::Expression density = jets_.build(text);
         L != nullptr ? void(density_.L = density) : take_structure(density, *H, structure);
       }
       section_.finish();
       form_ = multisymplectic_form(density_);
       root_.rewrite(data());
-      return {"multisymplectic", stated.location, form_table(form_, axes_, stated.value.location)};
+      return {"multisymplectic", stated.location, form_table(form_, jets_.axes, stated.value.location)};
     } catch (const ProblemError&) {
       throw;
     } catch (const std::invalid_argument& error) {
@@ -137,7 +130,7 @@ public:
   /// The real and imaginary parts of complex unknowns.
   [[nodiscard]] std::vector<std::array<std::string, 2>> psi() const {
     std::vector<std::array<std::string, 2>> names;
-    for (const auto& [re, im] : psi_) {
+    for (const auto& [re, im] : jets_.psi) {
       names.push_back({density_.fields[re], density_.fields[im]});
     }
     return names;
@@ -146,14 +139,14 @@ public:
   /// What the fields of the form stand for.
   [[nodiscard]] std::vector<StatedUnknown> unknowns() const {
     std::vector<StatedUnknown> all;
-    for (std::size_t i = 0; i < psi_.size(); ++i) {
-      const std::string name = complex_name(i, psi_.size());
+    for (std::size_t i = 0; i < jets_.psi.size(); ++i) {
+      const std::string name = complex_name(i, jets_.psi.size());
       const auto add = [&](const std::string& unknown, const std::string& re, const std::string& im) {
         if (has_field(re) && has_field(im)) {
           all.push_back({.name = unknown, .re = {{re, 1.0}}, .im = {{im, 1.0}}});
         }
       };
-      const std::string &re = density_.fields[psi_[i][0]], &im = density_.fields[psi_[i][1]];
+      const std::string &re = density_.fields[jets_.psi[i][0]], &im = density_.fields[jets_.psi[i][1]];
       add(name, re, im);
       add(derivative_name(name, by_t), derivative_name(re, by_t), derivative_name(im, by_t));
     }
@@ -190,7 +183,7 @@ public:
   }
 
 private:
-  void read_fields(const Value& value) { density_.fields = read_names(value, "fields", "a field", taken_).names; }
+  void read_fields(const Value& value) { density_.fields = read_names(value, "fields", "a field", jets_.taken).names; }
 
   /// \throws std::invalid_argument if a derivative of a density has more than so many by t
   void check_rates(int most) const {
@@ -221,22 +214,22 @@ private:
     } else {
       for (const std::string& name : fields_in(texts)) {
         if (psi == nullptr || (!is_complex_name(name, pairs_of_psi(*psi).size()) && !is_part(name, *psi))) {
-          taken_.declare(name, "a field", value.location);
+          jets_.taken.declare(name, "a field", value.location);
           density_.fields.push_back(name);
         }
       }
     }
     if (psi != nullptr) {
       for (const Value* pair : pairs_of_psi(*psi)) {
-        const std::vector<std::string> both = read_names(*pair, "psi", "a field", taken_).names;
+        const std::vector<std::string> both = read_names(*pair, "psi", "a field", jets_.taken).names;
         if (both.size() != 2) {
           throw ProblemError(pair->location, fmt::format("psi: expected two fields, got {}", both.size()));
         }
-        psi_.push_back({density_.fields.size(), density_.fields.size() + 1});
+        jets_.psi.push_back({density_.fields.size(), density_.fields.size() + 1});
         density_.fields.insert(density_.fields.end(), both.begin(), both.end());
       }
     }
-    parameters_ = read_parameters(root_, taken_);
+    jets_.parameters = read_parameters(root_, jets_.taken);
     FieldEquations equations{density_.graph, density_.fields, {}, density_.dimensions, {}};
     for (const Value* text : texts) {
       add_equation(*text, equations.equations);
@@ -258,10 +251,6 @@ private:
     std::ranges::transform(*pairs, std::back_inserter(all), [](const Value& pair) { return &pair; });
     return all;
   }
-  /// The i-th of so many complex unknowns: psi, or psi1, psi2, …
-  static std::string complex_name(std::size_t i, std::size_t count) {
-    return count == 1 ? "psi" : fmt::format("psi{}", i + 1);
-  }
   static bool is_complex_name(std::string_view name, std::size_t count) {
     return std::ranges::any_of(std::views::iota(std::size_t{0}, count),
                                [&](std::size_t i) { return name == complex_name(i, count); });
@@ -274,127 +263,16 @@ private:
              });
     });
   }
-  static std::string modulus_name(std::size_t i) {
-    return fmt::format("abs2_psi{}_", i == 0 ? "" : fmt::format("{}", i));
-  }
-
   void add_equation(const Value& value, std::vector<formula::Expression>& equations) {
-    is_equation_ = true;
-    std::string text = read_string(value, "equation");
+    const std::string& text = read_string(value, "equation");
     const std::size_t sign = at_location(value.location, [&] { return sign_of_equation(text); });
-    static const std::regex of_parenthesis(R"(\)\s*_[txyz]+\b)");
-    if (std::smatch found; std::regex_search(text, found, of_parenthesis)) {
-      throw ProblemError(place_in_file(value.location, 1, static_cast<int>(found.position()) + 1),
-                         "derivatives are of fields: expand that of a parenthesis, (u^2)_xx as 2*u*u_xx + 2*u_x^2, and "
-                         "that of abs2(psi) in the parts p and q, which may stand beside psi");
+    const Complex left = jets_.side({text.substr(0, sign), value.location}),
+                  right = jets_.side({text.substr(sign + 1), place_in_file(value.location, 1, sign + 2)});
+    equations.push_back(left.re - right.re);
+    const formula::Expression zero = density_.graph->constant(0.0);
+    if (const auto im = left.im.value_or(zero) - right.im.value_or(zero); !vanishes(im, *density_.graph)) {
+      equations.push_back(im);
     }
-    if (!psi_.empty()) {
-      name_modulus(text);
-    }
-    const FormulaText left{text.substr(0, sign), value.location},
-        right{text.substr(sign + 1), place_in_file(value.location, 1, sign + 2)};
-    name_derivatives(text);
-    const formula::Expression difference = build(left) - build(right);
-    if (psi_.empty()) {
-      equations.push_back(difference);
-      return;
-    }
-    std::map<formula::NodeIndex, Complex> parts;
-    formula::Graph& graph = *density_.graph;
-    parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
-    for (std::size_t i = 0; i < psi_.size(); ++i) {
-      const auto& [re, im] = psi_[i];
-      parts[graph.variable(modulus_name(i)).index()] = {pow(field(re), 2.0) + pow(field(im), 2.0), std::nullopt};
-    }
-    for (const auto& [name, found] : complex_names_) {
-      const auto& [re, im] = psi_[found.field];
-      parts[graph.variable(name).index()] = {derivative(re, found.order), derivative(im, found.order)};
-    }
-    const Complex whole = ComplexParts(graph, std::move(parts))(difference);
-    equations.push_back(whole.re);
-    if (whole.im) {
-      equations.push_back(*whole.im);
-    }
-  }
-  /// Puts a name in the place of abs2(psi), with spaces to the same length, so that later errors keep their columns.
-  void name_modulus(std::string& text) const {
-    for (std::size_t i = 0; i < psi_.size(); ++i) {
-      const std::regex modulus(fmt::format(R"(\babs2\(\s*{}\s*\))", complex_name(i, psi_.size())));
-      for (std::smatch found; std::regex_search(text, found, modulus);) {
-        std::string name = modulus_name(i);
-        name.resize(static_cast<std::size_t>(found.length()), ' ');
-        text.replace(static_cast<std::size_t>(found.position()), name.size(), name);
-      }
-    }
-  }
-
-  /// Makes variables of the derivatives that a text names, itself or through definitions.
-  void name_derivatives(const std::string& text) {
-    std::set<std::string> words = names_in(text);
-    if (const Entry* definitions = find(root_.entries(), "definitions");
-        definitions != nullptr && definitions->value.table() != nullptr) {
-      for (const Entry& definition : *definitions->value.table()) {
-        if (const std::string* formula = definition.value.string()) {
-          words.merge(names_in(*formula));
-        }
-      }
-    }
-    for (const std::string& word : words) {
-      if (parameters_.find(word) != nullptr) {
-        continue;
-      }
-      if (const std::size_t bar = word.rfind('_');
-          bar != std::string::npos && parameters_.find(word.substr(0, bar)) != nullptr &&
-          std::ranges::find(density_.fields, word.substr(0, bar)) == density_.fields.end() && bar + 1 < word.size() &&
-          word.find_first_not_of("txyz", bar + 1) == std::string::npos) {
-        throw std::invalid_argument(
-            fmt::format("{} is a derivative of the parameter {}, which has none", word, word.substr(0, bar)));
-      }
-      if (word == "i" && psi_.empty() && is_equation_) {
-        throw std::invalid_argument(
-            R"(i is the imaginary unit of a complex unknown: call that psi, and give psi = ["p", "q"])");
-      }
-      if (const auto found = derivative_named(word, density_.fields)) {
-        names_.insert(word);
-        const formula::Expression variable = density_.graph->variable(word);
-        if (std::ranges::find(density_.derivatives, variable, &FieldDensity::Derivative::variable) ==
-            density_.derivatives.end()) {
-          density_.derivatives.push_back({found->field, found->order, variable});
-        }
-        continue;
-      }
-      for (std::size_t i = 0; i < psi_.size(); ++i) {
-        const std::string name = complex_name(i, psi_.size());
-        if (word == name) {
-          complex_names_[word] = {word, i, {}};
-        } else if (const auto complex = derivative_named(word, {name})) {
-          complex_names_[word] = {word, i, complex->order};
-        }
-      }
-    }
-  }
-  formula::Expression build(const FormulaText& text) {
-    std::vector<std::string> names = density_.fields;
-    names.insert(names.end(), names_.begin(), names_.end());
-    for (const auto& [name, found] : complex_names_) {
-      names.push_back(name);
-    }
-    if (!psi_.empty()) {
-      names.emplace_back("i");
-    }
-    for (std::size_t i = 0; i < psi_.size(); ++i) {
-      names.push_back(modulus_name(i));
-    }
-    names.insert(names.end(), axes_.begin(), axes_.end());
-    names.emplace_back("t");
-    if (!std::exchange(has_definitions_, true)) {
-      std::vector<formula::Expression> differentiated;
-      add_definitions(
-          root_, taken_,
-          {.names = names, .differentiable = density_.fields, .axes = axes_, .differentiated = &differentiated},
-          parameters_);
-    }
-    return build_formula(text, *density_.graph, {.names = names}, parameters_);
   }
 
   /// The problem with [initial] and [exact] of psi by its parts, and with [initial] of [exact] where there is none.
@@ -469,9 +347,9 @@ private:
 
   /// psi = "…" becomes p = "…" and q = "…", and psi_t likewise.
   void take_apart(Value::Table& table) {
-    for (std::size_t i = 0; i < psi_.size(); ++i) {
-      const std::string name = complex_name(i, psi_.size());
-      const std::string &re = density_.fields[psi_[i][0]], &im = density_.fields[psi_[i][1]];
+    for (std::size_t i = 0; i < jets_.psi.size(); ++i) {
+      const std::string name = complex_name(i, jets_.psi.size());
+      const std::string &re = density_.fields[jets_.psi[i][0]], &im = density_.fields[jets_.psi[i][1]];
       take_apart(table, name, re, im);
       if (has_field(derivative_name(re, by_t))) {
         take_apart(table, derivative_name(name, by_t), derivative_name(re, by_t), derivative_name(im, by_t));
@@ -489,7 +367,7 @@ private:
     std::map<formula::NodeIndex, Complex> parts;
     parts[graph.variable("i").index()] = {graph.constant(0.0), graph.constant(1.0)};
     const Complex value =
-        at_location(text.location, [&] { return ComplexParts(graph, std::move(parts))(build(text)); });
+        at_location(text.location, [&] { return ComplexParts(graph, std::move(parts))(jets_.build(text)); });
     const auto entry = [&](const std::string& field, formula::Expression e) {
       return Entry{field, whole.location, {formula::to_string(e), whole.value.location}};
     };
@@ -508,28 +386,13 @@ private:
         continue;
       }
       const FormulaText text = read_formula(of->value, of->key);
-      const formula::Expression by_time = formula::derivative(build(text), density_.graph->variable("t"));
+      const formula::Expression by_time = formula::derivative(jets_.build(text), density_.graph->variable("t"));
       table.push_back({name, of->location, {formula::to_string(by_time), of->value.location}});
     }
   }
   void follow(Value::Table& table) {
-    follow_rates(table, {form_.fields, density_.fields, axes_}, *density_.graph,
-                 [this](const FormulaText& text) { return build(text); });
-  }
-  formula::Expression field(std::size_t f) { return density_.graph->variable(density_.fields[f]); }
-  /// Its derivative, of that order.
-  formula::Expression derivative(std::size_t f, const DerivativeOrder& order) {
-    if (order == DerivativeOrder{}) {
-      return field(f);
-    }
-    const std::string name = derivative_name(density_.fields[f], order);
-    const auto found = std::ranges::find_if(density_.derivatives,
-                                            [&](const auto& one) { return one.field == f && one.order == order; });
-    if (found != density_.derivatives.end()) {
-      return found->variable;
-    }
-    density_.derivatives.push_back({f, order, density_.graph->variable(name)});
-    return density_.derivatives.back().variable;
+    follow_rates(table, {form_.fields, density_.fields, jets_.axes}, *density_.graph,
+                 [this](const FormulaText& text) { return jets_.build(text); });
   }
   std::size_t read_field_name(const Value& value, std::string_view what) {
     const std::string& name = read_string(value, what);
@@ -573,7 +436,7 @@ private:
     if (word == 0 || word == 2) {
       const double factor = word == 2 ? 2.0 : 1.0;
       for (const auto& [u, v] : pairs) {
-        L = L + factor * field(v) * derivative(u, by_t);
+        L = L + factor * jets_.field(v) * jets_.derivative(u, by_t);
       }
     } else {
       L = L + of_dx(pairs, word == 3);
@@ -587,9 +450,9 @@ private:
   std::vector<std::array<std::size_t, 2>> read_psi() {
     const Entry& psi = section_.require("psi", R"(its real and imaginary part, such as ["p", "q"])");
     for (const Value* pair : pairs_of_psi(psi)) {
-      psi_.push_back(read_pair(*pair, "psi"));
+      jets_.psi.push_back(read_pair(*pair, "psi"));
     }
-    return psi_;
+    return jets_.psi;
   }
 
   static constexpr DerivativeOrder by_x = {0, 1, 0, 0};
@@ -606,15 +469,15 @@ private:
     };
     if (!pairs.empty()) {
       for (const auto& [u, v] : pairs) {
-        sum = sum + field(v) * derivative(potential_of(u), by_t);
+        sum = sum + jets_.field(v) * jets_.derivative(potential_of(u), by_t);
       }
       return sum;
     }
     const std::size_t count = density_.fields.size();
     for (std::size_t u = 0; u < count; ++u) {
-      sum = sum + 0.5 * field(u) * derivative(potential_of(u), by_t);
+      sum = sum + 0.5 * jets_.field(u) * jets_.derivative(potential_of(u), by_t);
       if (with_inverse) {
-        sum = sum + 0.5 * derivative(u, by_t) * derivative(u, by_x);
+        sum = sum + 0.5 * jets_.derivative(u, by_t) * jets_.derivative(u, by_x);
       }
     }
     return sum;
@@ -622,16 +485,10 @@ private:
 
   Section& root_;
   Section& section_;
-  Names taken_;
-  std::vector<std::string> axes_;
-  std::vector<std::array<std::size_t, 2>> psi_;           ///< the two fields of each complex unknown
-  std::set<std::string> names_;                           ///< of derivatives
-  std::map<std::string, NamedDerivative> complex_names_;  ///< psi and its derivatives
-  bool has_definitions_ = false, is_equation_ = false;
-  std::string damped_;  ///< the field of a damped equation, of which the form has a multiple
-  FieldDensity density_;
+  JetFormulas jets_;
+  FieldDensity& density_;  ///< of jets_
+  std::string damped_;     ///< the field of a damped equation, of which the form has a multiple
   MultisymplecticForm form_;
-  Parameters parameters_;
 };
 
 }  // namespace

@@ -450,6 +450,39 @@ TEST_CASE("u_xt follows from u_t, and has to be its derivative where it is given
                     Contains("p.toml:11:1") && Contains("contradicts u_t"));
 }
 
+TEST_CASE("derivatives of parentheses are expanded, and moduli and conjugates of complex unknowns known") {
+  const auto density = [](const std::string& field, const std::string& others) {
+    return parse_problem(wave(field, "[initial]\nu = 0\n" + others), "p.toml").multisymplectic()->density;
+  };
+  const auto of_u = [&](const std::string& equation) { return density("equation = \"" + equation + "\"", ""); };
+  const auto of_psi = [&](const std::string& term) {
+    return density("psi = [\"u\", \"v\"]\nequation = [\"i*psi_t + psi_xx = n*psi\", \"n_tt = n_xx + " + term + "\"]",
+                   "v = 0\nn = 0\nn_t = 0");
+  };
+  const auto schroedinger = [&](const std::string& term) {
+    return density("psi = [\"u\", \"v\"]\nequation = \"i*psi_t + psi_xx + " + term + " = 0\"", "v = 0");
+  };
+  const std::string good = of_u("u_tt = u_xx + 2*u*u_xx + 2*u_x^2 - u_xxxx");
+  CHECK(of_u("u_tt = (u + u^2)_xx - u_xxxx") == good);
+  CHECK(of_u("u_tt - ( u + u^2 - ((u)_x)_x )_xx = 0") == good);
+  CHECK(of_u("u_tt = u_xx + 2*(u*u_x)_x - u_xxxx") == good);
+  CHECK(of_u("u_tt = u_xx + (|u|^2)_xx - u_xxxx") == good);
+  CHECK(of_u("u_tt = (u + 2*u^2)_xx - u_xxxx") != good);
+  CHECK(of_u("u_t + (3*u^2)_x + u_xxx = 0") == of_u("u_t + 6*u*u_x + u_xxx = 0"));
+  const std::string zakharov = of_psi("(u^2 + v^2)_xx");
+  CHECK(of_psi("abs2(psi)_xx") == zakharov);
+  CHECK(of_psi("(|psi|^2)_xx") == zakharov);
+  CHECK(of_psi("(psi*conj(psi))_xx") == zakharov);
+  CHECK(of_psi("2*abs2(psi)_xx") != zakharov);
+  const std::string cubic = schroedinger("2*abs2(psi)*psi");
+  for (const char* const same : {"2*|psi|^2*psi", "2*abs(psi)^2*psi", "2*psi^2*conj(psi)", "2*abs2(conj(psi))*psi"}) {
+    CHECK(schroedinger(same) == cubic);
+  }
+  CHECK(schroedinger("|psi|^4*psi") == schroedinger("abs2(psi)^2*psi"));
+  CHECK(schroedinger("|psi|*psi") == schroedinger("sqrt(abs2(psi))*psi"));
+  CHECK(schroedinger("|psi|^4*psi") != cubic);
+}
+
 TEST_CASE("what a density or an equation lacks is said with its place") {
   const auto refusal = [](const std::string& field) -> std::string {
     try {
@@ -467,8 +500,10 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
   CHECK_THAT(refusal("fields = [\"u\"]"), Contains("a Lagrangian density L, a Hamiltonian density H, or an equation"));
   CHECK(refusal("equation = \"u_tt = u_xx\"") == "accepted");
   CHECK_THAT(refusal("equation = \"u_tt - u_xx\""), Contains("p.toml:2:13: ") && Contains("is no equation"));
-  CHECK_THAT(refusal("equation = \"u_tt = u_xx + (u^2)_xx\""),
-             Contains("p.toml:2:31: ") && Contains("expand that of a parenthesis"));
+  CHECK(refusal("equation = \"u_tt = u_xx + (u^2)_xx - u_xxxx\"") == "accepted");
+  CHECK_THAT(refusal("equation = \"u_tt = u_xx + (u^2)_xx + v\""), Contains("p.toml:2:38: unknown name 'v'"));
+  CHECK_THAT(refusal("equation = \"u_tt = u_xx + (u^2 + v)_xx\""), Contains("p.toml:2:34: unknown name 'v'"));
+  CHECK_THAT(refusal("equation = \"u_tt = u_xx + (u^2)_xy\""), Contains("p.toml:2:27: a derivative by y"));
   // psi beside its parts: Zakharov's equations, whose twin has a sign that no density has.
   const std::string zakharov =
       "psi = [\"u\", \"q\"]\nequation = [\"i*psi_t + psi_xx = n*psi\", \"n_tt = n_xx {} 2*u*u_xx + "
