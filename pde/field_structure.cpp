@@ -253,9 +253,13 @@ void refuse_nonlinear_at_levels(const MultisymplecticSystem& system, const Matri
               system.fields()[i], fmt::join(names, ", ")));
         }
         throw std::invalid_argument(fmt::format(
-            "the constraint that determines {0} is not linear, and S is not linear in {0}: the scheme knows {0} in the "
-            "middle of steps only, and the energy of a level would need it there; put what its row gives for {0} into "
-            "S and leave the field out, or let {0} be linear in S as p is in the catalogue's boussinesq",
+            "the constraint that determines {0} is not linear, and S is not linear in {0}: schemes have {0} in the "
+            "middle "
+            "of steps only, and the energy of a level would need it there. A derivative such as u_t or u_x has to "
+            "occur "
+            "in L as a polynomial of degree two with constant coefficients; a field that no derivative by t moves, "
+            "such "
+            "as the mean flow beside psi, needs one of its own, or has to be put into S by what its row gives for it",
             system.fields()[i]));
       }
     }

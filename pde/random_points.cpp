@@ -42,7 +42,7 @@ std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eig
 double nearest_twelfth(double x) {
   constexpr double parts = 12.0, rounding = 1e-9;
   const double near = std::round(x * parts) / parts;
-  return std::abs(x - near) < rounding ? near : x;
+  return std::abs(x - near) < rounding ? near + 0.0 : x;  // 0, not -0
 }
 
 }  // namespace rubato

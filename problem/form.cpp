@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <regex>
 #include <span>
 #include <stdexcept>
 #include <vector>
@@ -377,6 +377,21 @@ std::string stated_form(const Problem& problem, const MultisymplecticSystem& sys
   return write_document({Value::Table{{"multisymplectic", place, form_table(form, axes, place)}}, place});
 }
 
+/// The text with numbers as they were meant: 0.3 for 0.30000000000000004, the sum of what a problem states.
+std::string with_plain_numbers(const std::string& text) {
+  static const std::regex long_number(R"([0-9]+\.[0-9]{13,}(e[+-]?[0-9]+)?)");
+  constexpr double rounding = 1e-15;
+  std::string plain;
+  std::size_t done = 0;
+  for (std::sregex_iterator found(text.begin(), text.end(), long_number), none; found != none; ++found) {
+    const double number = std::stod(found->str()), near = std::stod(fmt::format("{:.13g}", number));
+    plain += text.substr(done, static_cast<std::size_t>(found->position()) - done);
+    plain += std::abs(near - number) <= rounding * number ? fmt::format("{}", near) : found->str();
+    done = static_cast<std::size_t>(found->position() + found->length());
+  }
+  return plain + text.substr(done);
+}
+
 }  // namespace
 
 std::string form_of(const Problem& problem, FormStyle style) {
@@ -388,7 +403,7 @@ std::string form_of(const Problem& problem, FormStyle style) {
   if (style == FormStyle::toml) {
     return pde->derived.empty() ? stated_form(problem, system) : pde->derived;
   }
-  return FormWriter(problem, system, style == FormStyle::latex).write();
+  return with_plain_numbers(FormWriter(problem, system, style == FormStyle::latex).write());
 }
 
 }  // namespace rubato

@@ -61,6 +61,14 @@ TEST_CASE("scalings and Galilei's transformation are found where an equation has
              !Contains("Galilei") && Contains("translation in x: momentum, with a source: a balance"));
 }
 
+TEST_CASE("numbers of a form are printed as they were meant, and kept as they are in TOML") {
+  const std::string sum = "equation = \"u_tt = 0.1*3*u_xx - u^3\"", third = "equation = \"u_tt = u_xx/3 - u^3\"";
+  CHECK_THAT(form(sum), Contains("omega^2 = 0.3*k^2\n") && !Contains("00000004"));
+  CHECK_THAT(form(sum, FormStyle::toml), Contains("0.15000000000000002"));
+  CHECK_THAT(form(third), Contains("omega^2 = 0.3333333333333333*k^2\n"));  // has no shorter decimal
+  CHECK_THAT(form(kdv), !Contains("v*(-0)") && !Contains("v*(0)"));
+}
+
 TEST_CASE("the form says which schemes take an equation, and why others do not") {
   CHECK_THAT(form(kdv),
              Contains("box        yes\n") && Contains("leapfrog   no: leapfrog is for equations of wave type"));

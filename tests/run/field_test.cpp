@@ -520,6 +520,10 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
   CHECK_THAT(refusal("equation = \"i*psi_t = psi_xx + abs2(phi)*psi\"\npsi = [\"p\", \"q\"]"),
              Contains("unknown name 'phi'"));
   CHECK_THAT(refusal("equation = \"i*psi_t = abs2(psi)*psi + chi\"\npsi = [\"p\", \"q\"]"), Contains("p.toml:2:39: "));
+  CHECK_THAT(refusal("fields = [\"u\"]\nL = \"-sqrt(1 + u_x^2 - u_t^2)\""),
+             Contains("S is not linear in u_t") && Contains("a polynomial of degree two with constant coefficients"));
+  CHECK_THAT(refusal("psi = [\"u\", \"q\"]\nequation = [\"i*psi_t + psi_xx = w*psi\", \"w_xx - w = abs2(psi)\"]"),
+             Contains("S is not linear in w") && Contains("a field that no derivative by t moves"));
   CHECK_THAT(refusal("equation = \"i*psi_t = psi_xx + sin(psi)\"\npsi = [\"p\", \"q\"]"),
              Contains("sin of a complex number"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2\"\nstructure = \"dx\""),
