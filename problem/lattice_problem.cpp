@@ -390,11 +390,21 @@ InitialFields whole_initial_fields(const Problem& problem, const grids::Grid& gr
 
 namespace {
 
-/// [initial.next], evaluated as the first level is; null without it.
+/// [initial.next], evaluated as the first level is; null without it. \throws ProblemError if it has a field that L
+/// leaves out
 std::shared_ptr<const SecondLevel> make_second_level(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   if (!pde.next) {
     return nullptr;
+  }
+  for (std::size_t f = 0; f < pde.next->fields.size(); ++f) {
+    const auto& given = pde.next->fields[f];
+    if (given && problem.scheme.density != nullptr && !problem.scheme.density->names(static_cast<int>(f))) {
+      throw ProblemError(given->location,
+                         fmt::format("L leaves {0} out, and steps give {0} from the fields that L names: leave it out "
+                                     "of [initial.next], too",
+                                     pde.fields[f]));
+    }
   }
   Problem later = problem;
   auto& its = std::get<MultisymplecticProblem>(later.system);

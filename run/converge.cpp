@@ -15,6 +15,7 @@
 #include <rubato/grids/resample.hpp>
 #include <rubato/problem/effective.hpp>
 #include <rubato/problem/lattice_problem.hpp>
+#include <rubato/problem/reader.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/ensemble_ranks.hpp>
 
@@ -56,6 +57,10 @@ Problem refined(const Problem& problem, double until, int step_halvings, int gri
                                        fmt::format("scheme.until={}", until), "output.states=true",
                                        "output.every=1000000000"};
   if (const MultisymplecticProblem* pde = problem.multisymplectic()) {
+    if (pde->next) {
+      const double step = *problem.scheme.step / std::exp2(step_halvings);
+      settings.push_back(fmt::format("initial.next.t={}", problem.start() + step));
+    }
     for (const GridAxis& axis : pde->axes) {
       const std::int64_t cells = axis.cells * (std::int64_t{1} << grid_halvings);
       // An odd number of elements stays one; between walls any number will do.
@@ -287,9 +292,50 @@ void require_refinable(const Problem& problem, const RunOptions& options, std::s
   }
 }
 
+namespace {
+
+/// [initial.next] is moved to the end of the step that is taken: its fields have to be formulas of t.
+void refuse_fixed_next(const Problem& problem) {
+  const HamiltonianProblem* const orbit = problem.hamiltonian();
+  if (orbit != nullptr && orbit->next) {
+    throw ProblemError(orbit->next->location,
+                       "converge takes parts of the step, and [initial.next] is the end of one step: leave it out");
+  }
+  const MultisymplecticProblem* const pde = problem.multisymplectic();
+  if (pde == nullptr || !pde->next) {
+    return;
+  }
+  std::vector<std::string> names = pde->fields;
+  const std::vector<std::string> axes = pde->axis_names();
+  names.insert(names.end(), axes.begin(), axes.end());
+  names.emplace_back("t");
+  const auto is_of_time = [&](const std::optional<FormulaText>& text) {
+    formula::Graph graph;
+    std::vector<formula::Expression> parts;
+    if (text) {
+      parts.push_back(build_formula(
+          *text, graph,
+          {.names = names, .differentiable = pde->fields, .axes = axes, .periods = pde->axes, .differentiated = &parts},
+          problem.parameters));
+    }
+    return std::ranges::any_of(parts, [&](const formula::Expression& part) {
+      const auto variables = formula::variables_of(part);
+      return std::ranges::any_of(variables, [&](std::size_t number) { return graph.variable_name(number) == "t"; });
+    });
+  };
+  if (std::ranges::none_of(pde->next->fields, is_of_time)) {
+    throw ProblemError(pde->next->location,
+                       "converge takes parts of the step, and [initial.next] is the end of one step: write its fields "
+                       "as formulas of t, or leave it out");
+  }
+}
+
+}  // namespace
+
 ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance, const RunOptions& options,
                             const ConvergeScope& scope) {
   require_refinable(problem, options, "converge");
+  refuse_fixed_next(problem);
   const auto begin = std::chrono::steady_clock::now();
   ConvergenceOutcome outcome{
       .title = problem.title,

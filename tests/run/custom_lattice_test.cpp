@@ -233,6 +233,20 @@ TEST_CASE("a second level of the problem begins a stated action", "[run][custom]
   const std::vector<double> second = reader.read("/states/u", 1, 1);
   CHECK(*std::ranges::max_element(second) ==
         Approx(4.0 * std::atan(std::sqrt(0.75) / 0.5 * std::sin(0.025))).epsilon(2e-2));
+
+  // A field that L leaves out would not be used.
+  const std::string with_v = replaced(text, "[definitions]", "v = 77\n[definitions]");
+  CHECK_THROWS_WITH(run(parse_problem(with_v, "f.toml"), {.output = file, .overwrite = true}),
+                    Contains("f.toml:21:5") && Contains("leave it out of [initial.next], too"));
+
+  // It moves with the step where it is a formula of t.
+  const std::vector<std::string> settings = {"scheme.until=1", "grid.x.cells=201"};
+  const ConvergenceOutcome refined = converge(parse_problem(text, "f.toml", settings), std::nullopt);
+  REQUIRE(refined.status == ExitStatus::done);
+  CHECK(refined.quantities.front().step.order().value() == Approx(2.0).margin(0.1));
+  const std::string one_level = replaced(text, "sin(0.5*t)", "sin(0.5*0.05)");
+  CHECK_THROWS_WITH(converge(parse_problem(one_level, "f.toml", settings), std::nullopt),
+                    Contains("write its fields as formulas of t, or leave it out"));
 }
 
 TEST_CASE("a stated action with momenta of its own begins with a step of the box", "[run][custom]") {

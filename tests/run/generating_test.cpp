@@ -9,6 +9,7 @@
 #include <rubato/ode/generating_scheme.hpp>
 #include <rubato/problem/location.hpp>
 #include <rubato/problem/orbit_problem.hpp>
+#include <rubato/run/converge.hpp>
 #include <rubato/run/run.hpp>
 
 #include "records.hpp"
@@ -76,6 +77,8 @@ TEST_CASE("types that are no good for variable levels or for starting pairs are 
   const std::string refused = refusal(with_pair("\"euler-a\""));
   CHECK_THAT(refused, Catch::Contains("arbitrary starting pair cannot be continued"));
   CHECK_THAT(refused, Catch::Contains("test.toml:15:"));  // [initial.next]
+  CHECK_THROWS_WITH(converge(parse_problem(with_pair("\"midpoint\""), "test.toml"), std::nullopt),
+                    Catch::Contains("the end of one step: leave it out"));
 }
 
 TEST_CASE("generating functions that cannot be are refused at their place", "[run]") {
