@@ -36,11 +36,7 @@ auto at_source(const Location& location, const Action& action) {
   } catch (const record::NoSuchGroup& error) {
     throw ProblemError(location, fmt::format("from: {}", error.what()));
   } catch (const record::Error& error) {
-    const ProblemError refusal(location, fmt::format("from: {}", error.what()));
-    if (!std::filesystem::exists(error.file())) {
-      throw refusal;
-    }
-    throw FileError(refusal.what());
+    throw FileError(ProblemError(location, fmt::format("from: {}", error.what())).what());
   }
 }
 

@@ -63,7 +63,8 @@ public:
     }
     in_.open(file_);
     if (!in_) {
-      throw ProblemError(location_, fmt::format("from: {} cannot be read: {}", file_, std::strerror(errno)));
+      throw FileError(
+          ProblemError(location_, fmt::format("from: {} cannot be read: {}", file_, std::strerror(errno))).what());
     }
   }
 

@@ -133,6 +133,9 @@ std::vector<std::string> MemberVerdicts::warnings(std::string_view plural) const
 }
 
 std::string MemberVerdicts::verdict_text(std::string_view plural) const {
+  if (runs_ == 0) {
+    return fmt::format("none: none of the {} has ended", plural);
+  }
   std::string text = fmt::format("{} (of {} {}: {} good, {} doubtful, {} lost)", figures::to_string(verdict()), runs_,
                                  plural, verdicts_[0], verdicts_[1], verdicts_[2]);
   for (const Cause& cause : causes_) {
@@ -143,7 +146,7 @@ std::string MemberVerdicts::verdict_text(std::string_view plural) const {
 }
 
 void MemberVerdicts::add_to(figures::JsonObject& object, std::string_view plural) const {
-  object.text("verdict", figures::to_string(verdict()));
+  object.text("verdict", runs_ == 0 ? "none" : figures::to_string(verdict()));
   figures::JsonObject counts;
   counts.count("good", verdicts_[0]).count("doubtful", verdicts_[1]).count("lost", verdicts_[2]);
   object.object("verdicts", counts);

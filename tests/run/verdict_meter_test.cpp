@@ -117,6 +117,7 @@ TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
   restored.add_verdict(Verdict::good, RunEnd::complete);
   CHECK(restored.warnings("members") == findings.warnings("members"));
   CHECK(restored.verdict_text("members") == findings.verdict_text("members"));
+  CHECK(MemberVerdicts().verdict_text("members") == "none: none of the members has ended");
   figures::JsonObject one, other;
   findings.add_to(one, "members");
   restored.add_to(other, "members");
