@@ -107,6 +107,11 @@ public:
       stated.typical = typical_values(level.level);
       ActionStep step(system, grid, stated, h);
       step.constrain(h, level.level);
+      for (int f = 0; f < system.field_count(); ++f) {
+        if (system.structure().at_midpoints(f)) {
+          std::ranges::fill(level.level.fields.field(f), 0.0);  // as readers of a record have it
+        }
+      }
       if (const std::vector<std::string> held = step.held(); !held.empty()) {
         level.cautions.push_back(fmt::format("L leaves {} undetermined, and steps hold {}", fmt::join(held, ", "),
                                              held.size() == 1 ? "it" : "them"));

@@ -219,6 +219,42 @@ TEST_CASE("between walls a stated action's derived fields are those of the field
   }
 }
 
+TEST_CASE("a field in the middle of steps is none of the first level of a stated action", "[run][custom]") {
+  // On an even number of cells u is not the difference of phi at the start, so that the energy would know p.
+  const std::string text = R"toml(
+[multisymplectic]
+fields = ["phi", "u", "v", "w", "p"]
+M = [["phi", "v", -1]]
+K.x = [["phi", "p", 1], ["u", "w", 1]]
+S = "v^2/2 - w^2/2 + u^2/2 + u^3/3 - p*u"
+[grid]
+x = { from = 0, to = 6, cells = 20 }
+[initial]
+u = "0.2 + 0.1*cos(pi*x/3)"
+v = "0.1*sin(pi*x/3)"
+[definitions]
+f_t = "(phi_10 + phi_11 - phi_00 - phi_01)/(2*h)"
+f_x = "(phi_01 + phi_11 - phi_00 - phi_10)/(2*dx)"
+a = "(u_00 + u_01 + u_10 + u_11)/4"
+a_x = "(u_01 + u_11 - u_00 - u_10)/(2*dx)"
+b = "(v_00 + v_01 + v_10 + v_11)/4"
+c = "(w_00 + w_01 + w_10 + w_11)/4"
+d = "(p_00 + p_01 + p_10 + p_11)/4"
+[scheme]
+lagrangian = "custom"
+levels = "fixed"
+L = "b*f_t - d*f_x - c*a_x - b^2/2 + c^2/2 - a^2/2 - a^3/3 + d*a"
+step = 0.02
+until = 0.2
+)toml";
+  const Folder folder;
+  const std::string file = folder / "even.h5";
+  REQUIRE(run(parse_problem(text, "b.toml"), {.output = file}).status == ExitStatus::done);
+  CHECK(check(file).status == ExitStatus::done);
+  falsify(file, "/levels/node_energy", 0, 1e-6);
+  CHECK(check(file).status == ExitStatus::contradiction);
+}
+
 TEST_CASE("a second level of the problem begins a stated action", "[run][custom]") {
   const Folder folder;
   const std::string file = folder / "next.h5";
