@@ -91,7 +91,7 @@ std::string_view simd_name() {
 BatchEvaluator::BatchEvaluator(const Bytecode& code, Engine engine, BatchFunctions functions)
     : code_(code),
       functions_(functions),
-      registers_(code.register_count() * batch::block_points / batch::widest_vector),
+      registers_(code.loops() ? 0 : code.register_count() * batch::block_points / batch::widest_vector),
       read_(code.register_count()),
       write_(code.register_count()),
       in_place_(code.output_count()) {
@@ -107,6 +107,9 @@ BatchEvaluator::BatchEvaluator(const Bytecode& code, Engine engine, BatchFunctio
   const auto outputs = code.outputs();
   for (std::size_t j = 0; j < outputs.size(); ++j)
     in_place_[j] = outputs[j] >= first_temporary && std::ranges::count(outputs.first(j), outputs[j]) == 0;
+  if (code.loops() != nullptr) {
+    loops_ = Copied(ScalarEvaluator(code, engine));
+  }
   if (engine == Engine::automatic && code.lazy_machine_code() != nullptr && machine_code_wanted()) {
     program_ = code.lazy_machine_code()->batch(code_, batch::best_kernel().lanes);
     work_.resize(program_ ? (program_->work_size() + batch::widest_vector - 1) / batch::widest_vector : 0);
@@ -119,6 +122,10 @@ void BatchEvaluator::operator()(std::size_t points, std::span<const double* cons
   using batch::block_points;
   using batch::widest_vector;
 
+  if (loops_) {
+    run_loops(points, inputs, outputs);
+    return;
+  }
   find_registers();
   bound_.stand = false;
   double* const registers = registers_.empty() ? nullptr : registers_.front().values;
@@ -164,6 +171,17 @@ bool BatchEvaluator::in_place(std::size_t points) const {
   return points % batch::widest_vector == 0 || (program_ && program_->takes_any_number());
 }
 
+void BatchEvaluator::run_loops(std::size_t points, std::span<const double* const> inputs,
+                               std::span<double* const> outputs) {
+  for (std::size_t i = 0; i < points; ++i) {
+    std::ranges::transform(inputs, loops_->inputs().begin(), [i](const double* input) { return input[i]; });
+    loops_->run();
+    for (std::size_t j = 0; j < outputs.size(); ++j) {
+      outputs[j][i] = loops_->output(j);
+    }
+  }
+}
+
 /// Anew where the evaluator has been copied.
 void BatchEvaluator::find_registers() {
   double* const registers = registers_.empty() ? nullptr : registers_.front().values;
@@ -184,7 +202,7 @@ void BatchEvaluator::bind(std::size_t points, std::span<const double* const> inp
 void BatchEvaluator::run() {
   find_registers();
   if (!bound_.stand) {
-    if (!in_place(bound_.points)) {
+    if (loops_ || !in_place(bound_.points)) {
       (*this)(bound_.points, bound_.inputs, bound_.outputs);
       return;
     }

@@ -58,6 +58,7 @@ private:
   [[nodiscard]] bool in_place(std::size_t points) const;
   void find_registers();
   void run_bound();
+  void run_loops(std::size_t points, std::span<const double* const> inputs, std::span<double* const> outputs);
 
   Bytecode code_;
   BatchFunctions functions_ = BatchFunctions::vector;
@@ -71,6 +72,7 @@ private:
   const double* base_ = nullptr;         ///< of the registers that the two point to
   std::vector<unsigned char> in_place_;  ///< whether output j can be computed where the caller wants it
   std::vector<Chunk> work_;              ///< of machine code
+  Copied<ScalarEvaluator> loops_;        ///< of code with loops, which goes point by point
 
   /// What bind() was reported and found.
   struct Places {

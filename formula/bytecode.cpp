@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <stdexcept>
 #include <unordered_map>
@@ -12,6 +13,8 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/lazy_machine_code.hpp>
+#include <rubato/formula/loop.hpp>
+#include <rubato/formula/loop_program.hpp>
 #include <rubato/formula/operations.hpp>
 #include <rubato/formula/reachable.hpp>
 
@@ -194,7 +197,10 @@ OpCode code_of(Operation operation) {
     case Operation::constant:
     case Operation::variable:
     case Operation::divide:
-    case Operation::power: break;  // lowered before this is asked
+    case Operation::power:  // lowered before this is asked
+    case Operation::list:
+    case Operation::loop:
+    case Operation::component: break;  // cut out before
   }
   throw std::logic_error("code_of: operation without an op code");
 }
@@ -281,7 +287,21 @@ std::vector<ValueId> pair_sines_and_cosines(const std::vector<Lowering::Value>& 
 }  // namespace
 
 Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers)
-    : input_count_(inputs.size()), machine_code_(std::make_shared<LazyMachineCode>()) {
+    : input_count_(inputs.size()) {
+  if (!has_loops(outputs)) {
+    machine_code_ = std::make_shared<LazyMachineCode>();
+    compile(outputs, inputs, reuse_registers);
+  } else if (!reuse_registers) {
+    *this = Bytecode(unrolled(outputs), inputs, reuse_registers);
+  } else {
+    loops_ = LoopProgram::of(outputs, inputs);
+    outputs_.resize(outputs.size());
+    std::iota(outputs_.begin(), outputs_.end(), static_cast<std::uint32_t>(input_count_));
+    register_count_ = input_count_ + outputs_.size();
+  }
+}
+
+void Bytecode::compile(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers) {
   const std::vector<NodeIndex> order = reachable(outputs);
   NodeIndex last = order.empty() ? 0 : order.back();
   for (const Expression input : inputs) {

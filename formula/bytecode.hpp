@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include <rubato/base/copied.hpp>
 #include <rubato/formula/expression.hpp>
 
 namespace rubato::formula {
@@ -41,9 +42,13 @@ struct Instruction {
 
 class MachineCode;
 class LazyMachineCode;
+class LoopEvaluator;
+struct LoopProgram;
 
-/// Straight-line code for several formulas over the same inputs. Immutable; evaluation from many threads is safe, each
-/// with its own workspace.
+/// Code for several formulas over the same inputs, straight-line unless the formulas have loops (loop.hpp). Immutable;
+/// evaluation from many threads is safe, each with its own workspace.
+///
+/// Code with loops is a LoopProgram, and has no instructions of its own. Without reuse of registers loops are unrolled.
 ///
 /// Registers are numbered: inputs first, then constants, then temporaries (reused when `reuse_registers`; Taylor
 /// arithmetic needs every intermediate series and compiles without reuse). With reuse, a target may be the register of
@@ -66,14 +71,18 @@ public:
   /// there is none to be had. Lives as long as any copy.
   [[nodiscard]] const MachineCode* machine_code() const;
   [[nodiscard]] LazyMachineCode* lazy_machine_code() const { return machine_code_.get(); }
+  [[nodiscard]] const std::shared_ptr<const LoopProgram>& loops() const { return loops_; }  ///< none: straight-line
 
 private:
+  void compile(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers);
+
   std::size_t input_count_ = 0;
   std::size_t register_count_ = 0;
   std::vector<double> constants_;
   std::vector<Instruction> instructions_;
   std::vector<std::uint32_t> outputs_;
   std::shared_ptr<LazyMachineCode> machine_code_;
+  std::shared_ptr<const LoopProgram> loops_;
 };
 
 /// What evaluates code: the machine itself where it can, or the interpreter alone. Both give the same doubles.
@@ -144,6 +153,7 @@ private:
   std::vector<std::uint32_t> stream_;  ///< the interpreter's groups in their new order: kind, length, operands
   std::vector<Fill> fills_;            ///< outputs that are constants
   std::vector<Copy> copies_;           ///< and all others
+  Copied<LoopEvaluator> loops_;        ///< of code with loops
 };
 
 }  // namespace rubato::formula

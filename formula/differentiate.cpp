@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/expression.hpp>
+#include <rubato/formula/loop.hpp>
 #include <rubato/formula/partials.hpp>
 #include <rubato/formula/reachable.hpp>
 
@@ -159,11 +160,31 @@ private:
     }
   }
 
+  /// A sum that is a loop, at its component: its gradient is a loop, too, and reaches the arguments at once. Of second
+  /// order, and of what is no sum, loops are unrolled before.
+  void visit_loop(const Node& node, const Scaled& adjoint) {
+    if (node.operation != Operation::component || adjoint.is_zero()) {
+      return;
+    }
+    const Node loop = graph_.node(node.a);
+    const std::vector<Expression> arguments = graph_.arguments(loop);
+    const auto slopes = graph_.make(gradient_of(*graph_.loop(loop), arguments.size()), arguments);
+    for (std::size_t i = 0; i < arguments.size(); ++i) {
+      if (is_active(arguments[i].index())) {
+        add_adjoint(arguments[i].index(), times(graph_, {1.0, slopes[i]}, adjoint));
+      }
+    }
+  }
+
   void visit(NodeIndex index) {
     const Node node = graph_.node(index);
     const Scaled adjoint = sum(adjoint_terms_[index]);
     if (is_choice(node)) {
       visit_choice(index, adjoint);
+      return;
+    }
+    if (node.operation >= Operation::list) {
+      visit_loop(node, adjoint);
       return;
     }
     const bool has_b = arity(node.operation) == 2;
@@ -279,6 +300,9 @@ void check(Expression expression) {
 
 std::vector<Expression> gradient(Expression expression, std::span<const Expression> variables) {
   check(expression);
+  if (has_loops(expression, true)) {
+    expression = unrolled(expression);
+  }
   Sweep sweep(expression, variables, false);
   std::vector<Expression> result;
   result.reserve(variables.size());
@@ -300,7 +324,7 @@ std::vector<Expression> hessian_upper(Expression expression, std::span<const Exp
 
 std::vector<HessianEntry> hessian_entries(Expression expression, std::span<const Expression> variables) {
   check(expression);
-  return Sweep(expression, variables, true).second(variables);
+  return Sweep(unrolled(expression), variables, true).second(variables);
 }
 
 Expression derivative(Expression expression, Expression variable) {

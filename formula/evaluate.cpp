@@ -5,6 +5,7 @@
 
 #include <rubato/formula/arithmetic.hpp>
 #include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/loop_evaluator.hpp>
 #include <rubato/formula/machine_code.hpp>
 #include <rubato/formula/operations.hpp>
 #include <rubato/formula/single_assignment.hpp>
@@ -71,6 +72,10 @@ struct Machine {
 
 ScalarEvaluator::ScalarEvaluator(const Bytecode& code, Engine engine)
     : code_(code), first_output_(code.input_count()), memory_(code.input_count() + code.output_count()) {
+  if (code_.loops() != nullptr) {
+    loops_ = Copied(LoopEvaluator(code_.loops(), engine));
+    return;
+  }
   const MachineCode* const machine = engine == Engine::automatic ? code_.machine_code() : nullptr;
   if (machine != nullptr) {
     run_ = machine->function();
@@ -204,6 +209,10 @@ void ScalarEvaluator::plan_outputs(std::span<const std::uint32_t> registers) {
 }
 
 void ScalarEvaluator::interpret(const double* point) {
+  if (loops_) {
+    (*loops_)(point, memory_.data() + first_output_);
+    return;
+  }
   if (stream_.empty()) {
     return;
   }

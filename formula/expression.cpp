@@ -1,5 +1,6 @@
 #include <rubato/formula/expression.hpp>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -10,6 +11,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/loop.hpp>
 #include <rubato/formula/operations.hpp>
 #include <rubato/formula/special.hpp>
 
@@ -27,8 +29,8 @@ constexpr std::array functions_of_users = {
 };
 static_assert(arithmetic.size() == static_cast<std::size_t>(Operation::power) + 1);
 static_assert(arithmetic.size() + functions_of_users.size() == static_cast<std::size_t>(Operation::where_positive));
-
-constexpr OperationTraits choice{"where", 2};
+constexpr std::array<OperationTraits, 5> others{
+    {{"where", 2}, {"where", 2}, {"list", 2}, {"loop", 1}, {"component", 1}}};
 
 constexpr NodeIndex no_node = std::numeric_limits<NodeIndex>::max();
 
@@ -55,7 +57,7 @@ const OperationTraits& traits_of(Operation operation) {
   const std::size_t of_table = number - arithmetic.size();
   return number < arithmetic.size()             ? arithmetic[number]
          : of_table < functions_of_users.size() ? functions_of_users[of_table]
-                                                : choice;
+                                                : others[of_table - functions_of_users.size()];
 }
 
 int arity(Operation operation) {
@@ -83,6 +85,9 @@ double apply(Operation operation, double a, double b) {
       // clang-format on
     case Operation::where_positive: return where_positive(a, b);
     case Operation::where_negative: return where_negative(a, b);
+    case Operation::list:
+    case Operation::loop:
+    case Operation::component: break;
   }
   return std::numeric_limits<double>::quiet_NaN();
 }
@@ -255,6 +260,47 @@ Expression Graph::make(Operation operation, Expression a, Expression b) {
     default: break;
   }
   return at(intern({operation, a.index(), b.index()}));
+}
+
+double Graph::number_of(const std::shared_ptr<const Loop>& loop) {
+  const auto found = std::ranges::find(loops_, loop);
+  const auto number = static_cast<double>(found - loops_.begin());
+  if (found == loops_.end()) {
+    loops_.push_back(loop);
+  }
+  return number;
+}
+
+std::vector<Expression> Graph::make(const std::shared_ptr<const Loop>& loop, std::span<const Expression> arguments) {
+  NodeIndex list = constant(0.0).index();
+  for (const Expression argument : arguments) {
+    check_owner(argument);
+    list = intern({Operation::list, list, argument.index()});
+  }
+  const NodeIndex node = intern({Operation::loop, list, 0, number_of(loop)});
+  std::vector<Expression> outputs;
+  for (std::size_t i = 0; i < loop->output_count; ++i) {
+    outputs.push_back(at(intern({Operation::component, node, 0, static_cast<double>(i)})));
+  }
+  return outputs;
+}
+
+Expression Graph::make(const Graph& source, const Node& node, Expression a, Expression b) {
+  const double value = node.operation == Operation::loop ? number_of(source.loop(node)) : node.value;
+  return at(intern({node.operation, a.index(), node.operation == Operation::list ? b.index() : 0, value}));
+}
+
+const std::shared_ptr<const Loop>& Graph::loop(const Node& node) const {
+  return loops_[static_cast<std::size_t>(node.value)];
+}
+
+std::vector<Expression> Graph::arguments(const Node& node) {
+  std::vector<Expression> all;
+  for (Node list = nodes_[node.a]; list.operation == Operation::list; list = nodes_[list.a]) {
+    all.push_back(at(list.b));
+  }
+  std::ranges::reverse(all);
+  return all;
 }
 
 /// Of negative orders: J_{-n} = (-1)^n J_n, and so Y; I_{-n} = I_n, and so K.

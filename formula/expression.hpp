@@ -3,6 +3,7 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -28,6 +29,9 @@ enum class Operation : std::uint8_t {
 #include <rubato/formula/operations.inc>
   where_positive,  ///< b where a > 0, else 0
   where_negative,  ///< 0 where a > 0, else b; both are undefined where a is
+  list,            ///< the list a (or the constant 0, an empty one), then b
+  loop,            ///< all outputs of the loop number `value` of the graph (loop.hpp), of the list of arguments a
+  component,       ///< output number `value` of the loop a
 };
 
 /// Number of arguments of an operation: 0, 1 or 2.
@@ -41,10 +45,11 @@ struct Node {
   Operation operation;
   NodeIndex a = 0;     ///< first argument; for a variable, its number
   NodeIndex b = 0;     ///< second argument
-  double value = 0.0;  ///< of a constant
+  double value = 0.0;  ///< of a constant; the number of a loop or a component
 };
 
 class Graph;
+struct Loop;
 
 /// A formula: a node of a graph. Copied freely; valid while its graph lives.
 ///
@@ -84,6 +89,16 @@ public:
   Expression constant(double value);
   Expression make(Operation operation, Expression a);
   Expression make(Operation operation, Expression a, Expression b);
+  /// The outputs of `loop` at these arguments, each as an expression.
+  std::vector<Expression> make(const std::shared_ptr<const Loop>& loop, std::span<const Expression> arguments);
+  /// The node of a list, a loop or a component of `source`, at these arguments of this graph.
+  Expression make(const Graph& source, const Node& node, Expression a, Expression b);
+  /// Loop of a node `loop`, and its arguments.
+  ///@{
+  [[nodiscard]] const std::shared_ptr<const Loop>& loop(const Node& node) const;
+  [[nodiscard]] std::vector<Expression> arguments(const Node& node);
+  ///@}
+  [[nodiscard]] bool has_loops() const { return !loops_.empty(); }
 
   [[nodiscard]] std::size_t size() const { return nodes_.size(); }
   [[nodiscard]] const Node& node(NodeIndex index) const { return nodes_[index]; }
@@ -96,6 +111,7 @@ public:
 private:
   [[nodiscard]] std::size_t slot_of(const Node& node) const;
   NodeIndex intern(const Node& node);
+  double number_of(const std::shared_ptr<const Loop>& loop);
   void grow_table();
   Expression at(NodeIndex index) { return {this, index}; }
   void check_owner(Expression a) const;
@@ -112,6 +128,7 @@ private:
   std::vector<NodeIndex> table_;  ///< open-addressed hash table of the nodes; its size is a power of two
   std::vector<std::string> variable_names_;
   std::unordered_map<std::string, NodeIndex> variables_;
+  std::vector<std::shared_ptr<const Loop>> loops_;
 };
 
 // ---- building -------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/draws.hpp>
+#include <rubato/formula/loop_builder.hpp>
 #include <rubato/formula/special.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/formula/tokens.hpp>
@@ -52,7 +53,7 @@ Operand by_component(const Operand& a, const Operand& b, Function function) {
 class Parser {
 public:
   Parser(std::string_view text, Graph& graph, const ParseContext& context)
-      : text_(text), graph_(graph), context_(context), token_(next_token(text, 0)) {}
+      : text_(text), graph_(&graph), context_(context), token_(next_token(text, 0)) {}
 
   Expression parse_all() {
     if (token_.kind == Token::Kind::end) {
@@ -157,7 +158,7 @@ private:
   Operand parse_operand() {
     const Token token = token_;
     switch (token.kind) {
-      case Token::Kind::number: advance(); return finish_operand({graph_.constant(token.value)});
+      case Token::Kind::number: advance(); return finish_operand({graph_->constant(token.value)});
       case Token::Kind::name:
         advance();
         if (token_.is('(')) {
@@ -215,10 +216,11 @@ private:
   // ---- components of vectors, and sums over them
   // ---------------------------------------------------------------------
 
-  /// A name given by its sum: i = 3.
+  /// A name given by its sum: i = 3, or, while a loop is built, a variable.
   struct Bound {
     std::string_view name;
     double value;
+    Expression variable = {};
   };
   [[nodiscard]] const Bound* find_bound(std::string_view name) const {
     const auto found = std::ranges::find(bound_, name, &Bound::name);
@@ -228,28 +230,40 @@ private:
   /// An integer that is known now: of numbers, parameters and the indices of sums.
   std::int64_t parse_integer(std::string_view what) {
     const std::size_t begin = token_.offset;
+    const Expression value = parse_index(what);
+    if (!value.is_constant()) {
+      fail(begin, fmt::format("{} has to be known beforehand", what));
+    }
+    return integer(value);
+  }
+
+  /// The same, or, while a loop is built, a formula of the indices of its sums.
+  Expression parse_index(std::string_view what) {
+    const std::size_t begin = token_.offset;
     const Expression value = parse_number();
     constexpr double largest = 1e9;
-    if (!value.is_constant() || value.constant_value() != std::round(value.constant_value()) ||
-        std::abs(value.constant_value()) > largest) {
+    const bool is_known = value.is_constant() ? value.constant_value() == std::round(value.constant_value()) &&
+                                                    std::abs(value.constant_value()) <= largest
+                                              : loop_ != nullptr && loop_->is_of_indices(value);
+    if (!is_known) {
       fail(begin, fmt::format("{} has to be an integer that is known beforehand{}", what,
                               value.is_constant() ? fmt::format(", and is {}", value.constant_value()) : ""));
     }
-    return static_cast<std::int64_t>(value.constant_value());
+    return value;
   }
+
+  /// A formula of the graph that is built, be it that of a loop.
+  [[nodiscard]] Expression here(Expression known) const { return loop_ == nullptr ? known : loop_->import(known); }
 
   /// name [ index ]: r[i+1] is r2 where i is 1. Where vectors may stand, name [ from : to ]: r[1:2] is r1, r2.
   Operand parse_component(const Token& vector) {
     const Nesting nesting(*this);
     advance();
-    const std::int64_t index = parse_integer("an index");
-    std::optional<std::int64_t> last;
+    const Expression index = parse_index("an index");
+    std::optional<Expression> last;
     if (vectors_ && token_.is(':')) {
       advance();
-      last = parse_integer("an index");
-      if (*last < index) {
-        fail(vector.offset, fmt::format("{}[{}:{}] has no component", vector.text, index, *last));
-      }
+      last = parse_index("an index");
     }
     if (token_.is(':')) {
       fail(token_.offset, "a part of a vector stands in norm and dot only");
@@ -261,11 +275,27 @@ private:
     if (!last) {
       return {component(vector, index)};
     }
+    const auto distance =
+        loop_ != nullptr ? loop_->distance(index, *last) : std::optional(integer(*last) - integer(index));
+    if (!distance) {
+      fail(vector.offset, "a part of a vector has to have a length that is known beforehand");
+    }
+    if (*distance < 0) {
+      fail(vector.offset, fmt::format("{}[{}:{}] has no component", vector.text, to_string(index), to_string(*last)));
+    }
     Operand part;
-    for (std::int64_t i = index; i <= *last; ++i) {
-      part.vector.push_back(component(vector, i));
+    for (std::int64_t i = 0; i <= *distance; ++i) {
+      part.vector.push_back(component(vector, index + i));
     }
     return part;
+  }
+
+  [[nodiscard]] static std::int64_t integer(Expression known) {
+    return static_cast<std::int64_t>(known.constant_value());
+  }
+
+  [[nodiscard]] Expression component(const Token& vector, Expression index) const {
+    return index.is_constant() ? component(vector, integer(index)) : loop_->element(vector.text, index);
   }
 
   [[nodiscard]] Expression component(const Token& vector, std::int64_t index) const {
@@ -273,7 +303,7 @@ private:
     if (!known) {
       fail(vector.offset, fmt::format("there is no {}[{}]", vector.text, index));
     }
-    return *known;
+    return here(*known);
   }
 
   /// Of r it is r1, r2, …; of r_dot r1_dot, …; of r_0 and r_1, at the ends of a step, r1_0, ….
@@ -292,13 +322,15 @@ private:
   /// All of them: as far as there are names of one kind, so that a parameter r4 does not belong to coordinates r1 … r3.
   [[nodiscard]] std::vector<Expression> components(std::string_view vector) const {
     std::vector<Expression> found;
-    const auto is_variable = [&](Expression x) { return graph_.node(x.index()).operation == Operation::variable; };
+    const auto is_variable = [&](Expression x) { return x.graph()->node(x.index()).operation == Operation::variable; };
+    bool variables = false;
     for (std::int64_t i = 1;; ++i) {
       const auto next = find_component(vector, i);
-      if (!next || (!found.empty() && is_variable(*next) != is_variable(found.front()))) {
+      if (!next || (!found.empty() && is_variable(*next) != variables)) {
         return found;
       }
-      found.push_back(*next);
+      variables = is_variable(*next);
+      found.push_back(here(*next));
     }
   }
 
@@ -430,11 +462,11 @@ private:
     const std::int64_t seed = parse_integer("the seed of noise");
     if (!token_.is(',')) {
       close(opening);
-      return graph_.constant(Draws(static_cast<std::uint64_t>(seed)).normal(0, 0));
+      return graph_->constant(Draws(static_cast<std::uint64_t>(seed)).normal(0, 0));
     }
     advance();
-    const std::array arguments{graph_.constant(static_cast<double>(seed)),
-                               graph_.constant(static_cast<double>(parse_integer("the number of waves")))};
+    const std::array arguments{graph_->constant(static_cast<double>(seed)),
+                               graph_->constant(static_cast<double>(parse_integer("the number of waves")))};
     close(opening);
     if (const auto result = call(called, arguments)) {
       return *result;
@@ -445,6 +477,9 @@ private:
 
   /// What the caller has for the name; what it refuses is wrong there.
   std::optional<Expression> call(const Token& called, std::span<const Expression> arguments) const {
+    if (loop_ != nullptr) {
+      throw NotALoop("a function of the problem");
+    }
     try {
       return context_.call ? context_.call(called.text, arguments) : std::nullopt;
     } catch (const ParseError&) {
@@ -469,12 +504,11 @@ private:
                               called.text == "ellipk" ? " and not 1" : "",
                               m.is_constant() ? fmt::format(", and is {}", m.constant_value()) : ""));
     }
-    return graph_.constant(value);
+    return graph_->constant(value);
   }
 
-  /// sum ( index , from , to , term ): the term is read once for every value of the index.
-  Expression parse_sum(const Token& called) {
-    const std::size_t opening = token_.offset;
+  /// The beginning of a sum: sum ( index ,
+  Token parse_index_name(const Token& called) {
     advance();
     const Token index = token_;
     if (index.kind != Token::Kind::name) {
@@ -485,45 +519,103 @@ private:
            fmt::format("'{}' has a meaning already: give the index of this sum another name", index.text));
     }
     advance();
-    const auto next_argument = [&] {
-      if (!token_.is(',')) {
-        fail(called.offset, "sum takes an index, where it begins, where it ends, and a term: sum(i, 1, 10, q[i]^2)");
-      }
-      advance();
-    };
-    next_argument();
-    const std::int64_t first = parse_integer("the first index");
-    next_argument();
-    const std::int64_t last = parse_integer("the last index");
-    next_argument();
-    const Token term = token_, before = previous_;
-    std::vector<Expression> summands;
-    if (first > last) {
-      skip_argument();
+    next_of_sum(called);
+    return index;
+  }
+
+  void next_of_sum(const Token& called) {
+    if (!token_.is(',')) {
+      fail(called.offset, "sum takes an index, where it begins, where it ends, and a term: sum(i, 1, 10, q[i]^2)");
     }
+    advance();
+  }
+
+  void close_sum(std::size_t opening) {
+    if (token_.is(',')) {
+      fail(token_.offset, "sum takes one term");
+    }
+    close(opening);
+  }
+
+  /// sum ( index , from , to , term ): a loop, whose term is read once; if it is short, or no loop, the term is read
+  /// for every value of the index.
+  Expression parse_sum(const Token& called) {
+    if (loop_ != nullptr) {
+      return parse_sum_of_loop(called);
+    }
+    const Parser before(*this);
+    const std::size_t opening = token_.offset;
+    const Token index = parse_index_name(called);
+    const std::int64_t first = parse_integer("the first index");
+    next_of_sum(called);
+    const std::int64_t last = parse_integer("the last index");
+    next_of_sum(called);
+    const Token term = token_, begin = previous_;
+    if (const bool has_sums = skip_argument(); has_sums || last - first >= std::int64_t{LoopBuilder::shortest_loop}) {
+      if (const auto loop = parse_loop(called, before)) {
+        return *loop;
+      }
+    }
+    std::vector<Expression> summands;
     for (std::int64_t i = first; i <= last; ++i) {
       if (++terms_ > most_terms) {
         fail(called.offset, fmt::format("more than {} terms in the sums of one formula", most_terms));
       }
       token_ = term;
-      previous_ = before;
+      previous_ = begin;
       bound_.push_back({index.text, static_cast<double>(i)});
       summands.push_back(parse_number());
       bound_.pop_back();
     }
-    if (token_.is(',')) {
-      fail(token_.offset, "sum takes one term");
-    }
-    close(opening);
-    return summands.empty() ? graph_.constant(0.0) : folded_sum(std::move(summands));
+    close_sum(opening);
+    return summands.empty() ? graph_->constant(0.0) : folded_sum(std::move(summands));
   }
 
-  /// Of an empty sum: names in it need not exist.
-  void skip_argument() {
+  /// The sum that begins where `before` stands as a loop; none if it is not to be one.
+  std::optional<Expression> parse_loop(const Token& called, const Parser& before) {
+    try {
+      LoopBuilder loop(*graph_);
+      Parser inner(before);
+      inner.loop_ = &loop;
+      inner.graph_ = &loop.graph();
+      const Expression sum = inner.parse_sum_of_loop(called);
+      const auto result =
+          loop.finish(sum, [&](std::string_view vector, std::int64_t i) { return find_component(vector, i); });
+      if (result) {
+        token_ = inner.token_;
+        previous_ = inner.previous_;
+      }
+      return result;
+    } catch (const NotALoop&) {
+    } catch (const ParseError&) {  // found again where the terms are read one by one
+    }
+    return std::nullopt;
+  }
+
+  Expression parse_sum_of_loop(const Token& called) {
+    const std::size_t opening = token_.offset;
+    const Token name = parse_index_name(called);
+    const Expression first = parse_index("the first index");
+    next_of_sum(called);
+    const Expression last = parse_index("the last index");
+    next_of_sum(called);
+    const Expression index = loop_->new_index();
+    bound_.push_back({name.text, 0.0, index});
+    const Expression term = parse_number();
+    bound_.pop_back();
+    close_sum(opening);
+    return loop_->sum(index, first, last, term);
+  }
+
+  /// Of an empty sum names need not exist. \return whether there is a sum in it
+  bool skip_argument() {
+    bool has_sums = false;
     for (int depth = 0; token_.kind != Token::Kind::end && (depth > 0 || !(token_.is(')') || token_.is(',')));
          advance()) {
       depth += token_.is('(') ? 1 : token_.is(')') ? -1 : 0;
+      has_sums = has_sums || (token_.kind == Token::Kind::name && token_.text == "sum");
     }
+    return has_sums;
   }
 
   // ---- names and calls
@@ -531,13 +623,13 @@ private:
 
   Expression resolve(const Token& token) {
     if (const Bound* const bound = find_bound(token.text)) {
-      return graph_.constant(bound->value);
+      return bound->variable.valid() ? bound->variable : graph_->constant(bound->value);
     }
     if (const Constant* const constant = find_constant(token.text)) {
-      return graph_.constant(constant->value);
+      return graph_->constant(constant->value);
     }
     if (const auto known = context_.resolve(token.text)) {
-      return *known;
+      return here(*known);
     }
     if (find_function(token.text) != nullptr) {
       fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
@@ -586,12 +678,12 @@ private:
                        expected == 1 && !function.variadic ? "" : "s", arguments.size()));
     }
     if (expected == 1) {
-      return graph_.make(function.operation, arguments[0]);
+      return graph_->make(function.operation, arguments[0]);
     }
     Expression result = arguments[0];
     try {
       for (const Expression argument : arguments.subspan(1)) {
-        result = graph_.make(function.operation, result, argument);
+        result = graph_->make(function.operation, result, argument);
       }
     } catch (const std::invalid_argument& error) {  // of the order of a Bessel function, or the parameter m
       fail(called.offset, error.what());
@@ -664,7 +756,7 @@ private:
   }
 
   std::string_view text_;
-  Graph& graph_;
+  Graph* graph_;
   const ParseContext& context_;
   Token token_;
   Token previous_;
@@ -672,6 +764,7 @@ private:
   bool vectors_ = false;  ///< whether a name may be that of a vector: in norm and dot
   std::vector<Bound> bound_;
   std::size_t terms_ = 0;
+  LoopBuilder* loop_ = nullptr;  ///< of the outermost sum, while it is read as one
 };
 
 }  // namespace

@@ -326,7 +326,10 @@ FirstPartials first_partials(Graph& graph, NodeIndex index, bool of_a, bool of_b
     case Operation::jacobi_dn: d.a = build(-m, sn(a, m) * cn(a, m)); break;
     case Operation::jacobi_am: d.a = build(dn(a, m)); break;
     case Operation::where_positive:
-    case Operation::where_negative: break;  // the sweep takes these as a whole
+    case Operation::where_negative:
+    case Operation::list:
+    case Operation::loop:
+    case Operation::component: break;  // the sweep takes these as a whole
   }
   return d;
 }
@@ -355,7 +358,10 @@ SecondPartials second_partials(Graph& graph, NodeIndex index, bool of_a, bool of
     case Operation::min:
     case Operation::max:
     case Operation::where_positive:
-    case Operation::where_negative: break;
+    case Operation::where_negative:
+    case Operation::list:
+    case Operation::loop:
+    case Operation::component: break;
     case Operation::multiply: d.ab = {1.0, {}}; break;
     case Operation::divide:
       if (of_b) {

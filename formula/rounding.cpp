@@ -11,6 +11,8 @@
 #include <numbers>
 
 #include <rubato/formula/arithmetic.hpp>
+#include <rubato/formula/loop.hpp>
+#include <rubato/formula/loop_evaluator.hpp>
 #include <rubato/formula/operations.hpp>
 #include <rubato/formula/special.hpp>
 #include <rubato/formula/sum.hpp>
@@ -100,10 +102,21 @@ Rounded product(const Rounded& a, const Rounded& b) {
 RoundingEvaluator::RoundingEvaluator(const Bytecode& code)
     : code_(code), values_(code.register_count(), 0.0), bounds_(code.register_count(), 0.0) {
   std::ranges::copy(code_.constants(), values_.begin() + static_cast<std::ptrdiff_t>(code_.input_count()));
+  if (code_.loops() != nullptr) {
+    loops_ = Copied(LoopRounding(code_.loops()));
+  }
 }
 
 void RoundingEvaluator::run(std::span<const double> inputs, std::span<const double> errors) {
   assert(inputs.size() == code_.input_count() && errors.size() == code_.input_count());
+  if (loops_) {
+    (*loops_)(inputs, errors);
+    for (std::size_t i = 0; i < output_count(); ++i) {
+      values_[code_.outputs()[i]] = loops_->rest().value(i);
+      bounds_[code_.outputs()[i]] = loops_->rest().bound(i);
+    }
+    return;
+  }
   std::ranges::copy(inputs, values_.begin());
   std::ranges::copy(errors, bounds_.begin());
   const auto read = [this](std::uint32_t at) { return Rounded{values_[at], bounds_[at]}; };
@@ -187,7 +200,7 @@ void RoundingEvaluator::run(std::span<const double> inputs, std::span<const doub
 
 Bytecode sum_size_code(Expression sum, std::span<const Expression> inputs) {
   std::vector<Expression> outputs = {sum};
-  std::ranges::copy(terms_of(sum), std::back_inserter(outputs));
+  std::ranges::copy(magnitudes_of_loops(terms_of(sum)), std::back_inserter(outputs));
   return {outputs, inputs};
 }
 

@@ -7,6 +7,8 @@
 
 namespace rubato::formula {
 
+class LoopRounding;
+
 /// Evaluates code at one point and carries with every value a bound of its rounding error: a running error
 /// analysis of first order (Higham, Accuracy and Stability of Numerical Algorithms, section 3.3),
 ///
@@ -33,6 +35,7 @@ public:
 private:
   Bytecode code_;
   std::vector<double> values_, bounds_;  ///< of each register
+  Copied<LoopRounding> loops_;           ///< of code with loops
 };
 
 /// How large a sum is at a point, and its rounding error.

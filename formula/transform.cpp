@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/expression.hpp>
+#include <rubato/formula/loop.hpp>
 #include <rubato/formula/reachable.hpp>
 
 namespace rubato::formula {
@@ -41,6 +42,9 @@ struct Pending {
 std::string to_string(Expression expression) {
   if (!expression.valid()) {
     return "(empty)";
+  }
+  if (has_loops(expression)) {
+    return to_string(unrolled(expression));
   }
   const Graph& graph = *expression.graph();
   std::string result;
@@ -149,6 +153,8 @@ std::vector<Expression> substitute(std::span<const Expression> expressions, Grap
       image[index] = into.constant(node.value);
     } else if (node.operation == Operation::variable) {
       image[index] = into.variable(source.variable_name(node.a));
+    } else if (node.operation >= Operation::list) {
+      image[index] = into.make(source, node, image[node.a], image[node.b]);
     } else if (arity(node.operation) == 1) {
       image[index] = into.make(node.operation, image[node.a]);
     } else {

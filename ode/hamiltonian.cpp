@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <map>
+#include <mutex>
 #include <set>
 #include <span>
 #include <stdexcept>
@@ -93,6 +95,63 @@ Expression gamma_of(std::span<const Expression> gradient, std::span<const formul
 
 }  // namespace
 
+/// In a graph of its own, since it may be asked for while others use that of the Hamiltonian.
+class Hamiltonian::Second {
+public:
+  Second(Expression H, std::span<const Expression> variables) {
+    H_ = formula::substitute(std::span(&H, 1), graph_, {}, {}).front();
+    for (const Expression variable : variables) {
+      variables_.push_back(graph_.variable(H.graph()->variable_name(H.graph()->node(variable.index()).a)));
+    }
+  }
+
+  struct Codes {
+    formula::Bytecode hessian, gamma;
+    Expression gamma_expression;
+    std::vector<Place> places;
+  };
+  [[nodiscard]] const Codes& codes() {
+    std::call_once(once_, [this] { compile(); });
+    return codes_;
+  }
+
+private:
+  void compile() {
+    std::vector<Expression> outputs{H_};
+    std::ranges::copy(formula::gradient(H_, variables_), std::back_inserter(outputs));
+    const std::vector<formula::HessianEntry> entries = formula::hessian_entries(H_, variables_);
+    codes_.gamma_expression = gamma_of(std::span(outputs).subspan(1), entries);
+    codes_.gamma = formula::Bytecode(std::array{H_, codes_.gamma_expression}, variables_);
+    for (const auto& [row, column, entry] : entries) {
+      outputs.push_back(entry);
+      codes_.places.push_back({row, column});
+    }
+    codes_.hessian = formula::Bytecode(outputs, variables_);
+  }
+
+  formula::Graph graph_;
+  Expression H_;
+  std::vector<Expression> variables_;
+  std::once_flag once_;
+  Codes codes_;
+};
+
+const formula::Bytecode& Hamiltonian::hessian_code() const {
+  return second_->codes().hessian;
+}
+
+const std::vector<Hamiltonian::Place>& Hamiltonian::hessian_places() const {
+  return second_->codes().places;
+}
+
+const formula::Bytecode& Hamiltonian::gamma_code() const {
+  return second_->codes().gamma;
+}
+
+Expression Hamiltonian::gamma() const {
+  return formula::substitute(std::array{second_->codes().gamma_expression}, *graph_, {}, {}).front();
+}
+
 void Hamiltonian::compile() {
   if (q_names_.empty() || q_names_.size() != p_names_.size()) {
     throw std::invalid_argument(fmt::format(
@@ -117,16 +176,7 @@ void Hamiltonian::compile() {
   value_ = std::make_shared<formula::Bytecode>(outputs, variables_);
   std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));
   gradient_ = std::make_shared<formula::Bytecode>(outputs, variables_);
-  const std::vector<formula::HessianEntry> entries = formula::hessian_entries(expression_, variables_);
-  gamma_expression_ = gamma_of(std::span(outputs).subspan(1), entries);
-  gamma_ = std::make_shared<formula::Bytecode>(std::array{expression_, gamma_expression_}, variables_);
-  std::vector<Place> places;
-  for (const auto& [row, column, entry] : entries) {
-    outputs.push_back(entry);
-    places.push_back({row, column});
-  }
-  hessian_ = std::make_shared<formula::Bytecode>(outputs, variables_);
-  places_ = std::make_shared<const std::vector<Place>>(std::move(places));
+  second_ = std::make_shared<Second>(expression_, variables_);
 }
 
 Hamiltonian Hamiltonian::constrained(const Constraints& constraints) const {
@@ -140,11 +190,13 @@ Hamiltonian Hamiltonian::constrained(const Constraints& constraints) const {
 
 HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
     : dimension_(2 * hamiltonian.degrees_of_freedom()),
+      second_(hamiltonian.second()),
       value_(hamiltonian.value_code()),
-      gradient_(hamiltonian.gradient_code()),
-      hessian_(hamiltonian.hessian_code()),
-      gamma_(hamiltonian.gamma_code()),
-      places_(hamiltonian.hessian_places()) {}
+      gradient_(hamiltonian.gradient_code()) {}
+
+formula::ScalarEvaluator& HamiltonianEvaluator::hessian_evaluator() {
+  return hessian_ ? *hessian_ : hessian_.emplace(second_->codes().hessian);
+}
 
 double HamiltonianEvaluator::value(const double* z) {
   return *value_.at(z);
@@ -157,22 +209,22 @@ double HamiltonianEvaluator::gradient(const double* z, double* gradient) {
 }
 
 double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* hessian) {
-  const double* const outputs = hessian_.at(z);
+  const double* const outputs = hessian_evaluator().at(z);
   std::copy_n(outputs + 1, dimension_, gradient);
   std::fill_n(hessian, dimension_ * dimension_, 0.0);
   const double* next = outputs + 1 + dimension_;
-  for (const auto [row, column] : places_) {
+  for (const auto [row, column] : second_->codes().places) {
     hessian[row * dimension_ + column] = hessian[column * dimension_ + row] = *next++;
   }
   return outputs[0];
 }
 
 std::span<const double> HamiltonianEvaluator::hessian_entries(const double* z) {
-  return {hessian_.at(z) + 1 + dimension_, places_.size()};
+  return {hessian_evaluator().at(z) + 1 + dimension_, second_->codes().places.size()};
 }
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
-  const double* const outputs = gamma_.at(z);
+  const double* const outputs = (gamma_ ? *gamma_ : gamma_.emplace(second_->codes().gamma)).at(z);
   energy = outputs[0];
   return outputs[1];
 }

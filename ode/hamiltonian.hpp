@@ -2,6 +2,7 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -60,17 +61,21 @@ public:
   struct Place {
     std::size_t row, column;
   };
-  [[nodiscard]] const formula::Bytecode& hessian_code() const { return *hessian_; }
-  [[nodiscard]] const std::vector<Place>& hessian_places() const { return *places_; }
+  [[nodiscard]] const formula::Bytecode& hessian_code() const;
+  [[nodiscard]] const std::vector<Place>& hessian_places() const;
   ///@}
   /// H, then Γ = fᵀH_zz f with f = J∇H (theory, section 3): the sum over rows of f_i (H_zz f)_i, each a sum over its
   /// entries.
   ///@{
-  [[nodiscard]] const formula::Bytecode& gamma_code() const { return *gamma_; }
-  [[nodiscard]] formula::Expression gamma() const { return gamma_expression_; }
+  [[nodiscard]] const formula::Bytecode& gamma_code() const;
+  [[nodiscard]] formula::Expression gamma() const;  ///< in graph(), which it adds to
   ///@}
   /// For a formula::SumSizeEvaluator: how large the terms of H are, and the rounding error of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }
+
+  /// Second derivatives, computed when they are first asked for and shared by all copies.
+  class Second;
+  [[nodiscard]] const std::shared_ptr<Second>& second() const { return second_; }
 
 private:
   static std::vector<std::string> numbered(std::string_view stem, std::size_t n);
@@ -79,12 +84,12 @@ private:
   std::shared_ptr<formula::Graph> graph_;
   std::vector<std::string> q_names_, p_names_;
   std::vector<formula::Expression> variables_;
-  formula::Expression expression_, gamma_expression_;
+  formula::Expression expression_;
   double constant_ = 0.0;
   std::shared_ptr<const Hamiltonian> reduced_;  ///< H - c, if c is not 0
   Constraints constraints_;
-  std::shared_ptr<const formula::Bytecode> value_, gradient_, hessian_, gamma_, size_;
-  std::shared_ptr<const std::vector<Place>> places_;
+  std::shared_ptr<const formula::Bytecode> value_, gradient_, size_;
+  std::shared_ptr<Second> second_;
 };
 
 template <typename Function>
@@ -108,7 +113,8 @@ Hamiltonian::Hamiltonian(std::size_t n, Function&& H)
   compile();
 }
 
-/// Evaluates H, ∇H and H_zz at one point. Holds work space: one per thread. No allocation after construction.
+/// Evaluates H, ∇H and H_zz at one point. Holds work space: one per thread. No allocation after the first evaluation of
+/// each kind.
 class HamiltonianEvaluator {
 public:
   explicit HamiltonianEvaluator(const Hamiltonian& hamiltonian);
@@ -127,9 +133,12 @@ public:
   [[nodiscard]] std::size_t dimension() const { return dimension_; }  ///< 2n
 
 private:
+  formula::ScalarEvaluator& hessian_evaluator();
+
   std::size_t dimension_;
-  formula::ScalarEvaluator value_, gradient_, hessian_, gamma_;
-  std::vector<Hamiltonian::Place> places_;
+  std::shared_ptr<Hamiltonian::Second> second_;
+  formula::ScalarEvaluator value_, gradient_;
+  std::optional<formula::ScalarEvaluator> hessian_, gamma_;
 };
 
 }  // namespace rubato

@@ -76,6 +76,9 @@ std::vector<Expression> SplittingFormula::inputs() const {
 }
 
 bool is_long(const SplittingHalf& T, const SplittingHalf& V, const Composition& composition) {
+  if (T.code.loops() != nullptr || V.code.loops() != nullptr) {
+    return true;
+  }
   const std::size_t n = V.variables.size();
   std::size_t instructions = 0;
   for (const Composition::Part& part : composition.parts) {
