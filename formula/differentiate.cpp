@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <stdexcept>
 #include <unordered_map>
@@ -160,18 +161,26 @@ private:
     }
   }
 
-  /// A sum that is a loop, at its component: its gradient is a loop, too, and reaches the arguments at once. Of second
-  /// order, and of what is no sum, loops are unrolled before.
-  void visit_loop(const Node& node, const Scaled& adjoint) {
-    if (node.operation != Operation::component || adjoint.is_zero()) {
-      return;
+  /// A loop, once the adjoints of its components are known: its derivatives are those of another loop, and reach its
+  /// arguments at once. For second-order adjoints loops are unrolled before.
+  void visit_loop(NodeIndex index, const Node& node) {
+    std::vector<Expression> arguments = graph_.arguments(node);
+    const std::size_t count = arguments.size();
+    const auto gradient = gradient_of(*graph_.loop(node), count);
+    std::map<std::size_t, Scaled>& adjoints = of_components_[index];
+    Scaled factor;
+    if (graph_.loop(node)->is_sum()) {
+      factor = adjoints[0];
+    } else {
+      for (std::size_t i = 0; i < graph_.loop(node)->output_count; ++i) {
+        const auto adjoint = adjoints.find(i);
+        arguments.push_back(adjoint == adjoints.end() ? graph_.constant(0.0) : materialize(graph_, adjoint->second));
+      }
     }
-    const Node loop = graph_.node(node.a);
-    const std::vector<Expression> arguments = graph_.arguments(loop);
-    const auto slopes = graph_.make(gradient_of(*graph_.loop(loop), arguments.size()), arguments);
-    for (std::size_t i = 0; i < arguments.size(); ++i) {
+    const std::vector<Expression> slopes = graph_.make(gradient, arguments);
+    for (std::size_t i = 0; i < count; ++i) {
       if (is_active(arguments[i].index())) {
-        add_adjoint(arguments[i].index(), times(graph_, {1.0, slopes[i]}, adjoint));
+        add_adjoint(arguments[i].index(), times(graph_, {1.0, slopes[i]}, factor));
       }
     }
   }
@@ -183,8 +192,12 @@ private:
       visit_choice(index, adjoint);
       return;
     }
+    if (node.operation == Operation::component && !adjoint.is_zero()) {
+      of_components_[node.a].emplace(static_cast<std::size_t>(node.value), adjoint);
+    } else if (node.operation == Operation::loop && of_components_.contains(index)) {
+      visit_loop(index, node);
+    }
     if (node.operation >= Operation::list) {
-      visit_loop(node, adjoint);
       return;
     }
     const bool has_b = arity(node.operation) == 2;
@@ -287,6 +300,7 @@ private:
   std::unordered_map<NodeIndex, std::size_t> number_;  ///< place of each variable in the caller's list
   std::vector<std::uint8_t> active_;                   ///< depends on a variable
   std::vector<std::vector<Scaled>> adjoint_terms_;
+  std::unordered_map<NodeIndex, std::map<std::size_t, Scaled>> of_components_;  ///< adjoints, by loop and output
   std::vector<std::vector<Pair>> pairs_;
 };
 
@@ -300,9 +314,6 @@ void check(Expression expression) {
 
 std::vector<Expression> gradient(Expression expression, std::span<const Expression> variables) {
   check(expression);
-  if (has_loops(expression, true)) {
-    expression = unrolled(expression);
-  }
   Sweep sweep(expression, variables, false);
   std::vector<Expression> result;
   result.reserve(variables.size());

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <stdexcept>
+#include <string>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include <rubato/formula/reachable.hpp>
 #include <rubato/formula/sum.hpp>
@@ -44,15 +46,23 @@ struct Rebuilt {
 }  // namespace
 
 std::shared_ptr<const Loop> gradient_of(const Loop& loop, std::size_t arguments) {
-  if (!loop.is_sum()) {
-    throw std::invalid_argument("the gradient of a loop is that of one sum");
-  }
   Rebuilt of(loop);
-  std::vector<Expression> variables;
-  for (const Loop::Slot& slot : of.loop.slots) {
-    variables.push_back(slot.variable);
+  Expression weighted = of.values.front();
+  if (!loop.is_sum()) {
+    weighted = of.graph->constant(0.0);
+    for (std::size_t s = 0; s < of.values.size(); ++s) {
+      Loop::Place adjoint = loop.terms[s].target;
+      adjoint.offset += static_cast<std::int64_t>(arguments);
+      const Expression variable = of.graph->variable(Loop::slot_name(adjoint));
+      of.loop.slots.push_back({variable, adjoint});
+      weighted += variable * of.values[s];
+    }
   }
-  const std::vector<Expression> gradient = formula::gradient(of.values.front(), variables);
+  std::vector<Expression> variables;
+  for (std::size_t k = 0; k < loop.slots.size(); ++k) {
+    variables.push_back(of.loop.slots[k].variable);
+  }
+  const std::vector<Expression> gradient = formula::gradient(weighted, variables);
   for (std::size_t k = 0; k < gradient.size(); ++k) {
     if (!gradient[k].is_constant(0.0)) {
       of.loop.terms.push_back({gradient[k], loop.slots[k].place});
@@ -62,19 +72,22 @@ std::shared_ptr<const Loop> gradient_of(const Loop& loop, std::size_t arguments)
   return std::make_shared<const Loop>(std::move(of.loop));
 }
 
-bool has_loops(std::span<const Expression> expressions, bool of_vectors) {
+std::string Loop::slot_name(const Place& place) {
+  return fmt::format("{} {}", place.column ? std::to_string(*place.column) : "all", place.offset);
+}
+
+bool has_loops(std::span<const Expression> expressions) {
   if (expressions.empty()) {
     return false;
   }
   const Graph& graph = *expressions.front().graph();
   return graph.has_loops() && std::ranges::any_of(reachable(expressions), [&](NodeIndex index) {
-           const Node& node = graph.node(index);
-           return node.operation == Operation::loop && !(of_vectors && graph.loop(node)->is_sum());
+           return graph.node(index).operation == Operation::loop;
          });
 }
 
-bool has_loops(Expression expression, bool of_vectors) {
-  return has_loops(std::span(&expression, 1), of_vectors);
+bool has_loops(Expression expression) {
+  return has_loops(std::span(&expression, 1));
 }
 
 namespace {

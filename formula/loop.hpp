@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include <rubato/formula/expression.hpp>
@@ -55,7 +56,7 @@ struct Loop {
     }
   };
   struct Slot {
-    Expression variable;  ///< of `graph`; slots at the same place have the same name
+    Expression variable;  ///< of `graph`, called slot_name(place)
     Place place;
   };
   struct Term {
@@ -69,17 +70,19 @@ struct Loop {
   std::vector<Term> terms;
   std::size_t output_count = 1;
 
+  [[nodiscard]] static std::string slot_name(const Place& place);
   /// Whether this is one sum of one term.
   [[nodiscard]] bool is_sum() const { return output_count == 1 && terms.size() == 1; }
 };
 
-/// Of a sum: the sums of ∂f/∂x over the slots and iterations that read each of the `arguments`.
-/// \throws std::invalid_argument unless loop.is_sum()
+/// The loop whose outputs are the derivatives Σ_o r̄_o ∂r_o/∂(argument) by each of the `arguments`: sums of r̄ ∂f/∂x over
+/// the slots and iterations that read it. Of a sum r̄ is 1; of other loops it is read from as many further arguments as
+/// the loop has outputs, behind its own.
 [[nodiscard]] std::shared_ptr<const Loop> gradient_of(const Loop& loop, std::size_t arguments);
 
-/// Whether the expressions depend on a node `loop`; if `of_vectors`, on one that is not a sum.
-[[nodiscard]] bool has_loops(std::span<const Expression> expressions, bool of_vectors = false);
-[[nodiscard]] bool has_loops(Expression expression, bool of_vectors = false);
+/// Whether the expressions depend on a loop.
+[[nodiscard]] bool has_loops(std::span<const Expression> expressions);
+[[nodiscard]] bool has_loops(Expression expression);
 
 /// The same without loops: each iteration written out, in the same graph.
 [[nodiscard]] std::vector<Expression> unrolled(std::span<const Expression> expressions);

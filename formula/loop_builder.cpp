@@ -168,9 +168,10 @@ public:
       Loop loop{.iterations = iterations_, .graph = body, .slots = {}, .terms = {}};
       std::vector<Expression> arguments, from, to;
       for (const Loop::Slot& slot : slots_of(term, arguments, into, find)) {
-        const std::string column = slot.place.column ? std::to_string(*slot.place.column) : "all";
-        const Expression variable = body->variable(fmt::format("{} {}", column, slot.place.offset));
-        loop.slots.push_back({variable, slot.place});
+        const Expression variable = body->variable(Loop::slot_name(slot.place));
+        if (std::ranges::find(loop.slots, variable, &Loop::Slot::variable) == loop.slots.end()) {
+          loop.slots.push_back({variable, slot.place});
+        }
         from.push_back(slot.variable);
         to.push_back(variable);
       }

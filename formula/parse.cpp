@@ -11,6 +11,7 @@
 
 #include <rubato/base/draws.hpp>
 #include <rubato/formula/loop_builder.hpp>
+#include <rubato/formula/operand.hpp>
 #include <rubato/formula/special.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/formula/tokens.hpp>
@@ -27,27 +28,6 @@ constexpr std::size_t most_terms = 1'000'000;
 int strength(const Token& token) {
   const Operator* const found = token.kind == Token::Kind::symbol ? find_operator(token.text.front()) : nullptr;
   return found == nullptr ? 0 : found->strength;
-}
-
-/// What stands between operators: a number, or, inside norm and dot, a vector, with its components.
-struct Operand {
-  Expression number = {};
-  std::vector<Expression> vector = {};
-
-  [[nodiscard]] bool is_vector() const { return !vector.empty(); }
-};
-
-/// Each component of one or two operands; a number stands for every component.
-template <typename Function>
-Operand by_component(const Operand& a, const Operand& b, Function function) {
-  if (!a.is_vector() && !b.is_vector()) {
-    return {function(a.number, b.number)};
-  }
-  Operand result;
-  for (std::size_t i = 0; i < std::max(a.vector.size(), b.vector.size()); ++i) {
-    result.vector.push_back(function(a.is_vector() ? a.vector[i] : a.number, b.is_vector() ? b.vector[i] : b.number));
-  }
-  return result;
 }
 
 class Parser {
@@ -121,12 +101,12 @@ private:
       if (find_operator(symbol)->to_the_right) {
         const Nesting nesting(*this);
         const Operand exponent = parse_operators(s);
-        check_shapes(sign, '^', left, exponent);
+        check_shapes(sign, left, exponent);
         left = {pow(left.number, exponent.number)};
         continue;
       }
       const Operand right = parse_operators(s + 1);
-      check_shapes(sign, symbol, left, right);
+      check_shapes(sign, left, right);
       left = by_component(left, right, [&](Expression a, Expression b) {
         return symbol == '+' ? a + b : symbol == '-' ? a - b : symbol == '*' ? a * b : a / b;
       });
@@ -134,24 +114,9 @@ private:
     return left;
   }
 
-  /// What vectors can do: a sum of two of one length, a product with a number, a quotient by one.
-  void check_shapes(const Token& sign, char symbol, const Operand& a, const Operand& b) const {
-    if (!a.is_vector() && !b.is_vector()) {
-      return;
-    }
-    if (symbol == '+' || symbol == '-') {
-      if (a.is_vector() != b.is_vector()) {
-        fail(sign.offset, fmt::format("{} stands between a vector and a number", symbol));
-      }
-      if (a.vector.size() != b.vector.size()) {
-        fail(sign.offset, fmt::format("{} stands between vectors with {} and {} components", symbol, a.vector.size(),
-                                      b.vector.size()));
-      }
-    } else if (symbol == '^' || b.is_vector()) {
-      if (symbol != '*' || a.is_vector()) {
-        fail(sign.offset, symbol == '*' ? "a product of two vectors: write dot(r, s)"
-                                        : fmt::format("{} does not take a vector here", symbol));
-      }
+  void check_shapes(const Token& sign, const Operand& a, const Operand& b) const {
+    if (const std::string reason = refusal(sign.text.front(), a, b); !reason.empty()) {
+      fail(sign.offset, reason);
     }
   }
 
@@ -191,7 +156,7 @@ private:
         break;
       case Token::Kind::end: break;
     }
-    refuse_missing_operand();
+    refuse_missing_operand(text_, previous_, token_);
   }
 
   /// After an operand another one may not follow.
@@ -714,46 +679,7 @@ private:
                                     nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string()));
   }
 
-  static bool is_comparison(const Token& token) { return token.is('<') || token.is('>'); }
-
-  void refuse_bracket() const {
-    if (is_comparison(token_)) {
-      fail(token_.offset,
-           fmt::format("unexpected '{}': in a formula a comparison stands in where(a < b, f, g) only", token_.text));
-    }
-    if (token_.is('[') || token_.is(']') || token_.is(':')) {
-      fail(token_.offset,
-           fmt::format("unexpected character '{}': only ( ) group; name[i] is a component of a vector", token_.text));
-    }
-  }
-
-  [[noreturn]] void refuse_missing_operand() const {
-    refuse_bracket();
-    if (token_.kind == Token::Kind::end) {
-      fail(token_.offset, fmt::format("a number, name or ( is missing after '{}'", previous_.text));
-    }
-    if (token_.is('+')) {
-      fail(token_.offset, "a number, name or ( is missing before '+': a plus sign stands only between two operands");
-    }
-    if (previous_.is('(') && token_.is(')')) {
-      fail(previous_.offset, "nothing stands between ( and )");
-    }
-    fail(token_.offset, fmt::format("a number, name or ( is missing before '{}'", token_.text));
-  }
-
-  /// An operand has been read, and what follows it is neither an operator nor a closing parenthesis.
-  [[noreturn]] void refuse_after_operand() const {
-    refuse_bracket();
-    if (token_.is(',')) {
-      const bool decimal = previous_.kind == Token::Kind::number;
-      fail(token_.offset, decimal ? "a comma separates the arguments of a function: decimals are written with a point"
-                                  : "a comma separates the arguments of a function");
-    }
-    const bool whole = !previous_.is(')') && !token_.is('(');
-    fail(token_.offset,
-         whole ? fmt::format("an operator is missing: for a product write {}*{}", previous_.text, token_.text)
-               : fmt::format("an operator is missing before '{}': for a product write *", token_.text));
-  }
+  [[noreturn]] void refuse_after_operand() const { formula::refuse_after_operand(text_, previous_, token_); }
 
   std::string_view text_;
   Graph* graph_;

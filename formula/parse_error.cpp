@@ -101,6 +101,52 @@ ParseError::ParseError(std::string_view text, std::size_t offset, const std::str
   column_ = place.column;
 }
 
+namespace {
+
+void refuse_bracket(std::string_view text, const Token& token) {
+  if (is_comparison(token)) {
+    throw ParseError(
+        text, token.offset,
+        fmt::format("unexpected '{}': in a formula a comparison stands in where(a < b, f, g) only", token.text));
+  }
+  if (token.is('[') || token.is(']') || token.is(':')) {
+    throw ParseError(
+        text, token.offset,
+        fmt::format("unexpected character '{}': only ( ) group; name[i] is a component of a vector", token.text));
+  }
+}
+
+}  // namespace
+
+void refuse_missing_operand(std::string_view text, const Token& previous, const Token& token) {
+  refuse_bracket(text, token);
+  if (token.kind == Token::Kind::end) {
+    throw ParseError(text, token.offset, fmt::format("a number, name or ( is missing after '{}'", previous.text));
+  }
+  if (token.is('+')) {
+    throw ParseError(text, token.offset,
+                     "a number, name or ( is missing before '+': a plus sign stands only between two operands");
+  }
+  if (previous.is('(') && token.is(')')) {
+    throw ParseError(text, previous.offset, "nothing stands between ( and )");
+  }
+  throw ParseError(text, token.offset, fmt::format("a number, name or ( is missing before '{}'", token.text));
+}
+
+void refuse_after_operand(std::string_view text, const Token& previous, const Token& token) {
+  refuse_bracket(text, token);
+  if (token.is(',')) {
+    const bool decimal = previous.kind == Token::Kind::number;
+    throw ParseError(text, token.offset,
+                     decimal ? "a comma separates the arguments of a function: decimals are written with a point"
+                             : "a comma separates the arguments of a function");
+  }
+  const bool whole = !previous.is(')') && !token.is('(');
+  throw ParseError(text, token.offset,
+                   whole ? fmt::format("an operator is missing: for a product write {}*{}", previous.text, token.text)
+                         : fmt::format("an operator is missing before '{}': for a product write *", token.text));
+}
+
 std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known) {
   constexpr std::size_t farthest = 2;
   std::size_t least = farthest + 1;

@@ -24,6 +24,18 @@ struct Token {
 /// \throws ParseError for a character outside the language, a malformed number, or one that overflows
 [[nodiscard]] Token next_token(std::string_view text, std::size_t offset);
 
+[[nodiscard]] inline bool is_comparison(const Token& token) {
+  return token.is('<') || token.is('>');
+}
+
+/// What is wrong where an operand ought to begin, or where one has been read and neither an operator nor a closing
+/// parenthesis follows; `previous` and `token` are the last two tokens of `text` that were read.
+/// \throws ParseError
+///@{
+[[noreturn]] void refuse_missing_operand(std::string_view text, const Token& previous, const Token& token);
+[[noreturn]] void refuse_after_operand(std::string_view text, const Token& previous, const Token& token);
+///@}
+
 /// The names of all functions, words and constants, whether they may be given to something else or not.
 [[nodiscard]] const std::vector<std::string>& reserved_names();
 

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/loop.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/formula/sum.hpp>
@@ -68,12 +69,19 @@ namespace {
 
 using formula::Expression;
 
-Expression gamma_of(std::span<const Expression> gradient, std::span<const formula::HessianEntry> entries) {
-  const std::size_t dimension = gradient.size(), n = dimension / 2;
+/// f = J∇H
+std::vector<Expression> flow_of(std::span<const Expression> gradient) {
+  const std::size_t n = gradient.size() / 2;
   std::vector<Expression> f;
-  for (std::size_t i = 0; i < dimension; ++i) {
+  for (std::size_t i = 0; i < gradient.size(); ++i) {
     f.push_back(i < n ? gradient[n + i] : -gradient[i - n]);
   }
+  return f;
+}
+
+Expression gamma_of(std::span<const Expression> gradient, std::span<const formula::HessianEntry> entries) {
+  const std::size_t dimension = gradient.size();
+  const std::vector<Expression> f = flow_of(gradient);
   // Both triangles, the columns of each row in their order.
   std::vector<std::map<std::size_t, Expression>> rows(dimension);
   for (const auto& [row, column, entry] : entries) {
@@ -105,51 +113,78 @@ public:
     }
   }
 
-  struct Codes {
-    formula::Bytecode hessian, gamma;
-    Expression gamma_expression;
+  struct Hessian {
+    formula::Bytecode code;
     std::vector<Place> places;
   };
-  [[nodiscard]] const Codes& codes() {
-    std::call_once(once_, [this] { compile(); });
-    return codes_;
+  struct Gamma {
+    formula::Bytecode code;
+    Expression expression;
+  };
+  [[nodiscard]] const Hessian& hessian() {
+    std::call_once(of_hessian_, [this] {
+      const std::scoped_lock lock(mutex_);
+      std::vector<Expression> outputs{H_};
+      std::ranges::copy(formula::gradient(H_, variables_), std::back_inserter(outputs));
+      for (const auto& [row, column, entry] : formula::hessian_entries(H_, variables_)) {
+        outputs.push_back(entry);
+        hessian_.places.push_back({row, column});
+      }
+      hessian_.code = formula::Bytecode(outputs, variables_);
+    });
+    return hessian_;
+  }
+  [[nodiscard]] const Gamma& gamma() {
+    std::call_once(of_gamma_, [this] {
+      const std::scoped_lock lock(mutex_);
+      const std::vector<Expression> gradient = formula::gradient(H_, variables_);
+      gamma_.expression =
+          formula::has_loops(H_) ? along_flow(gradient) : gamma_of(gradient, formula::hessian_entries(H_, variables_));
+      gamma_.code = formula::Bytecode(std::array{H_, gamma_.expression}, variables_);
+    });
+    return gamma_;
   }
 
 private:
-  void compile() {
-    std::vector<Expression> outputs{H_};
-    std::ranges::copy(formula::gradient(H_, variables_), std::back_inserter(outputs));
-    const std::vector<formula::HessianEntry> entries = formula::hessian_entries(H_, variables_);
-    codes_.gamma_expression = gamma_of(std::span(outputs).subspan(1), entries);
-    codes_.gamma = formula::Bytecode(std::array{H_, codes_.gamma_expression}, variables_);
-    for (const auto& [row, column, entry] : entries) {
-      outputs.push_back(entry);
-      codes_.places.push_back({row, column});
+  /// Γ as the derivative of w·∇H along f, where w is f: the Hessian of a loop has as many entries as it has iterations.
+  [[nodiscard]] Expression along_flow(std::span<const Expression> gradient) {
+    const std::vector<Expression> f = flow_of(gradient);
+    std::vector<Expression> w, terms;
+    for (std::size_t i = 0; i < f.size(); ++i) {
+      w.push_back(graph_.variable(fmt::format("w {}", i)));
+      terms.push_back(gradient[i] * w[i]);
     }
-    codes_.hessian = formula::Bytecode(outputs, variables_);
+    const std::vector<Expression> turned = formula::gradient(formula::folded_sum(terms), variables_);
+    terms.clear();
+    for (std::size_t i = 0; i < f.size(); ++i) {
+      terms.push_back(turned[i] * f[i]);
+    }
+    return formula::substitute(formula::folded_sum(terms), w, f);
   }
 
   formula::Graph graph_;
   Expression H_;
   std::vector<Expression> variables_;
-  std::once_flag once_;
-  Codes codes_;
+  std::mutex mutex_;  ///< of the graph
+  std::once_flag of_hessian_, of_gamma_;
+  Hessian hessian_;
+  Gamma gamma_;
 };
 
 const formula::Bytecode& Hamiltonian::hessian_code() const {
-  return second_->codes().hessian;
+  return second_->hessian().code;
 }
 
 const std::vector<Hamiltonian::Place>& Hamiltonian::hessian_places() const {
-  return second_->codes().places;
+  return second_->hessian().places;
 }
 
 const formula::Bytecode& Hamiltonian::gamma_code() const {
-  return second_->codes().gamma;
+  return second_->gamma().code;
 }
 
 Expression Hamiltonian::gamma() const {
-  return formula::substitute(std::array{second_->codes().gamma_expression}, *graph_, {}, {}).front();
+  return formula::substitute(std::array{second_->gamma().expression}, *graph_, {}, {}).front();
 }
 
 void Hamiltonian::compile() {
@@ -195,7 +230,7 @@ HamiltonianEvaluator::HamiltonianEvaluator(const Hamiltonian& hamiltonian)
       gradient_(hamiltonian.gradient_code()) {}
 
 formula::ScalarEvaluator& HamiltonianEvaluator::hessian_evaluator() {
-  return hessian_ ? *hessian_ : hessian_.emplace(second_->codes().hessian);
+  return hessian_ ? *hessian_ : hessian_.emplace(second_->hessian().code);
 }
 
 double HamiltonianEvaluator::value(const double* z) {
@@ -213,18 +248,18 @@ double HamiltonianEvaluator::hessian(const double* z, double* gradient, double* 
   std::copy_n(outputs + 1, dimension_, gradient);
   std::fill_n(hessian, dimension_ * dimension_, 0.0);
   const double* next = outputs + 1 + dimension_;
-  for (const auto [row, column] : second_->codes().places) {
+  for (const auto [row, column] : second_->hessian().places) {
     hessian[row * dimension_ + column] = hessian[column * dimension_ + row] = *next++;
   }
   return outputs[0];
 }
 
 std::span<const double> HamiltonianEvaluator::hessian_entries(const double* z) {
-  return {hessian_evaluator().at(z) + 1 + dimension_, second_->codes().places.size()};
+  return {hessian_evaluator().at(z) + 1 + dimension_, second_->hessian().places.size()};
 }
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
-  const double* const outputs = (gamma_ ? *gamma_ : gamma_.emplace(second_->codes().gamma)).at(z);
+  const double* const outputs = (gamma_ ? *gamma_ : gamma_.emplace(second_->gamma().code)).at(z);
   energy = outputs[0];
   return outputs[1];
 }
