@@ -77,7 +77,7 @@ std::string Loop::slot_name(const Place& place) {
 }
 
 bool has_loops(std::span<const Expression> expressions) {
-  if (expressions.empty()) {
+  if (expressions.empty() || !expressions.front().valid()) {
     return false;
   }
   const Graph& graph = *expressions.front().graph();
