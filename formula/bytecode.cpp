@@ -288,16 +288,20 @@ std::vector<ValueId> pair_sines_and_cosines(const std::vector<Lowering::Value>& 
 
 Bytecode::Bytecode(std::span<const Expression> outputs, std::span<const Expression> inputs, bool reuse_registers)
     : input_count_(inputs.size()) {
-  if (!has_loops(outputs)) {
-    machine_code_ = std::make_shared<LazyMachineCode>();
-    compile(outputs, inputs, reuse_registers);
-  } else if (!reuse_registers) {
-    *this = Bytecode(unrolled(outputs), inputs, reuse_registers);
-  } else {
+  const bool loops = has_loops(outputs);
+  if (loops && reuse_registers) {
     loops_ = LoopProgram::of(outputs, inputs);
     outputs_.resize(outputs.size());
     std::iota(outputs_.begin(), outputs_.end(), static_cast<std::uint32_t>(input_count_));
     register_count_ = input_count_ + outputs_.size();
+    return;
+  }
+  machine_code_ = std::make_shared<LazyMachineCode>();
+  if (loops) {
+    Graph own;
+    compile(unrolled(substitute(outputs, own, {}, {})), substitute(inputs, own, {}, {}), reuse_registers);
+  } else {
+    compile(outputs, inputs, reuse_registers);
   }
 }
 

@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include <rubato/formula/loop.hpp>
+
 namespace rubato::formula {
 
 namespace {
@@ -127,7 +129,14 @@ std::string latex_name(std::string_view name) {
 }
 
 std::string to_latex(Expression expression) {
-  return expression.valid() ? LatexWriter(*expression.graph()).of(expression.index()).latex : "";
+  if (!expression.valid()) {
+    return "";
+  }
+  if (has_loops(expression)) {
+    Graph own;
+    return to_latex(unrolled(substitute(std::array{expression}, own, {}, {}).front()));
+  }
+  return LatexWriter(*expression.graph()).of(expression.index()).latex;
 }
 
 }  // namespace rubato::formula

@@ -44,7 +44,8 @@ std::string to_string(Expression expression) {
     return "(empty)";
   }
   if (has_loops(expression)) {
-    return to_string(unrolled(expression));
+    Graph own;
+    return to_string(unrolled(substitute(std::array{expression}, own, {}, {}).front()));
   }
   const Graph& graph = *expression.graph();
   std::string result;

@@ -154,7 +154,8 @@ private:
 std::unique_ptr<OneStepScheme> make_constrained_splitting(const Hamiltonian& hamiltonian,
                                                           const Composition& composition, std::span<const double> z_0) {
   check_initial_state(hamiltonian, z_0);
-  const Separation halves = separate(hamiltonian);
+  const Hamiltonian own = hamiltonian.with_own_graph();
+  const Separation halves = separate(own);
   if (!halves.separable()) {
     throw std::invalid_argument(
         fmt::format("constraints need H = T(p) + V(q); the term {} depends on coordinates and momenta: state the "
@@ -168,7 +169,7 @@ std::unique_ptr<OneStepScheme> make_constrained_splitting(const Hamiltonian& ham
         composition.name, fmt::join(compositions_of_verlet_steps(), ", ")));
   }
   check_constraints(hamiltonian.constraints(), hamiltonian.q_names(), z_0.first(z_0.size() / 2));
-  auto scheme = std::make_unique<ConstrainedSplitting>(hamiltonian, halves, composition, z_0);
+  auto scheme = std::make_unique<ConstrainedSplitting>(own, halves, composition, z_0);
   scheme->check_start(hamiltonian.p_names());
   return scheme;
 }

@@ -79,7 +79,7 @@ std::vector<Expression> flow_of(std::span<const Expression> gradient) {
   return f;
 }
 
-Expression gamma_of(std::span<const Expression> gradient, std::span<const formula::HessianEntry> entries) {
+Expression by_hessian(std::span<const Expression> gradient, std::span<const formula::HessianEntry> entries) {
   const std::size_t dimension = gradient.size();
   const std::vector<Expression> f = flow_of(gradient);
   // Both triangles, the columns of each row in their order.
@@ -101,74 +101,80 @@ Expression gamma_of(std::span<const Expression> gradient, std::span<const formul
   return sums.empty() ? gradient.front().graph()->constant(0.0) : formula::folded_sum(std::move(sums));
 }
 
+/// The derivative of w·∇H along f, where w is f: the Hessian of a loop has as many entries as it has iterations.
+Expression along_flow(std::span<const Expression> gradient, std::span<const Expression> variables) {
+  const std::vector<Expression> f = flow_of(gradient);
+  formula::Graph& graph = *gradient.front().graph();
+  std::vector<Expression> w, terms;
+  for (std::size_t i = 0; i < f.size(); ++i) {
+    w.push_back(graph.variable(fmt::format("w {}", i)));
+    terms.push_back(gradient[i] * w[i]);
+  }
+  const std::vector<Expression> turned = formula::gradient(formula::folded_sum(terms), variables);
+  terms.clear();
+  for (std::size_t i = 0; i < f.size(); ++i) {
+    terms.push_back(turned[i] * f[i]);
+  }
+  return formula::substitute(formula::folded_sum(terms), w, f);
+}
+
+Expression gamma_of(Expression H, std::span<const Expression> variables) {
+  const std::vector<Expression> gradient = formula::gradient(H, variables);
+  return formula::has_loops(H) ? along_flow(gradient, variables)
+                               : by_hessian(gradient, formula::hessian_entries(H, variables));
+}
+
 }  // namespace
 
-/// In a graph of its own, since it may be asked for while others use that of the Hamiltonian.
+/// Each derivative is taken in a graph of its own: they are asked for by several threads, and others may be using the
+/// graph of the Hamiltonian.
 class Hamiltonian::Second {
 public:
-  Second(Expression H, std::span<const Expression> variables) {
-    H_ = formula::substitute(std::span(&H, 1), graph_, {}, {}).front();
-    for (const Expression variable : variables) {
-      variables_.push_back(graph_.variable(H.graph()->variable_name(H.graph()->node(variable.index()).a)));
-    }
-  }
+  Second(Expression H, std::span<const Expression> variables) : H_(H, variables) {}
 
   struct Hessian {
     formula::Bytecode code;
     std::vector<Place> places;
   };
-  struct Gamma {
-    formula::Bytecode code;
-    Expression expression;
-  };
   [[nodiscard]] const Hessian& hessian() {
     std::call_once(of_hessian_, [this] {
-      const std::scoped_lock lock(mutex_);
-      std::vector<Expression> outputs{H_};
-      std::ranges::copy(formula::gradient(H_, variables_), std::back_inserter(outputs));
-      for (const auto& [row, column, entry] : formula::hessian_entries(H_, variables_)) {
+      const OwnFormula own(H_.formula, H_.variables);
+      std::vector<Expression> outputs{own.formula};
+      std::ranges::copy(formula::gradient(own.formula, own.variables), std::back_inserter(outputs));
+      for (const auto& [row, column, entry] : formula::hessian_entries(own.formula, own.variables)) {
         outputs.push_back(entry);
         hessian_.places.push_back({row, column});
       }
-      hessian_.code = formula::Bytecode(outputs, variables_);
+      hessian_.code = formula::Bytecode(outputs, own.variables);
     });
     return hessian_;
   }
-  [[nodiscard]] const Gamma& gamma() {
+  [[nodiscard]] const formula::Bytecode& gamma_code() {
     std::call_once(of_gamma_, [this] {
-      const std::scoped_lock lock(mutex_);
-      const std::vector<Expression> gradient = formula::gradient(H_, variables_);
-      gamma_.expression =
-          formula::has_loops(H_) ? along_flow(gradient) : gamma_of(gradient, formula::hessian_entries(H_, variables_));
-      gamma_.code = formula::Bytecode(std::array{H_, gamma_.expression}, variables_);
+      const OwnFormula own(H_.formula, H_.variables);
+      gamma_ = formula::Bytecode(std::array{own.formula, gamma_of(own.formula, own.variables)}, own.variables);
     });
     return gamma_;
   }
 
 private:
-  /// Γ as the derivative of w·∇H along f, where w is f: the Hessian of a loop has as many entries as it has iterations.
-  [[nodiscard]] Expression along_flow(std::span<const Expression> gradient) {
-    const std::vector<Expression> f = flow_of(gradient);
-    std::vector<Expression> w, terms;
-    for (std::size_t i = 0; i < f.size(); ++i) {
-      w.push_back(graph_.variable(fmt::format("w {}", i)));
-      terms.push_back(gradient[i] * w[i]);
-    }
-    const std::vector<Expression> turned = formula::gradient(formula::folded_sum(terms), variables_);
-    terms.clear();
-    for (std::size_t i = 0; i < f.size(); ++i) {
-      terms.push_back(turned[i] * f[i]);
-    }
-    return formula::substitute(formula::folded_sum(terms), w, f);
-  }
+  /// A formula and its variables in a graph of their own.
+  struct OwnFormula {
+    OwnFormula(Expression other, std::span<const Expression> of)
+        : formula(formula::substitute(std::span(&other, 1), graph, {}, {}).front()),
+          variables(formula::substitute(of, graph, {}, {})) {}
+    OwnFormula(const OwnFormula&) = delete;
+    OwnFormula& operator=(const OwnFormula&) = delete;
 
-  formula::Graph graph_;
-  Expression H_;
-  std::vector<Expression> variables_;
-  std::mutex mutex_;  ///< of the graph
+    formula::Graph graph;
+    Expression formula;
+    std::vector<Expression> variables;
+  };
+
+  const OwnFormula H_;
   std::once_flag of_hessian_, of_gamma_;
   Hessian hessian_;
-  Gamma gamma_;
+  formula::Bytecode gamma_;
 };
 
 const formula::Bytecode& Hamiltonian::hessian_code() const {
@@ -180,11 +186,11 @@ const std::vector<Hamiltonian::Place>& Hamiltonian::hessian_places() const {
 }
 
 const formula::Bytecode& Hamiltonian::gamma_code() const {
-  return second_->gamma().code;
+  return second_->gamma_code();
 }
 
 Expression Hamiltonian::gamma() const {
-  return formula::substitute(std::array{second_->gamma().expression}, *graph_, {}, {}).front();
+  return gamma_of(expression_, variables_);
 }
 
 void Hamiltonian::compile() {
@@ -212,6 +218,17 @@ void Hamiltonian::compile() {
   std::ranges::copy(formula::gradient(expression_, variables_), std::back_inserter(outputs));
   gradient_ = std::make_shared<formula::Bytecode>(outputs, variables_);
   second_ = std::make_shared<Second>(expression_, variables_);
+}
+
+Hamiltonian Hamiltonian::with_own_graph() const {
+  Hamiltonian own = *this;
+  own.graph_ = std::make_shared<formula::Graph>();
+  own.variables_ = formula::substitute(variables_, *own.graph_, {}, {});
+  own.expression_ = formula::substitute(std::array{expression_}, *own.graph_, {}, {}).front();
+  if (reduced_) {
+    own.reduced_ = std::make_shared<Hamiltonian>(reduced_->with_own_graph());
+  }
+  return own;
 }
 
 Hamiltonian Hamiltonian::constrained(const Constraints& constraints) const {
@@ -259,7 +276,7 @@ std::span<const double> HamiltonianEvaluator::hessian_entries(const double* z) {
 }
 
 double HamiltonianEvaluator::gamma(const double* z, double& energy) {
-  const double* const outputs = (gamma_ ? *gamma_ : gamma_.emplace(second_->gamma().code)).at(z);
+  const double* const outputs = (gamma_ ? *gamma_ : gamma_.emplace(second_->gamma_code())).at(z);
   energy = outputs[0];
   return outputs[1];
 }

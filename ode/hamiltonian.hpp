@@ -39,8 +39,11 @@ public:
   [[nodiscard]] std::size_t degrees_of_freedom() const { return q_names_.size(); }
   [[nodiscard]] const std::vector<std::string>& q_names() const { return q_names_; }
   [[nodiscard]] const std::vector<std::string>& p_names() const { return p_names_; }
-  /// The graph in which expression() and variables() live.
+  /// The graph in which expression() and variables() live. All copies share it: who takes derivatives or builds other
+  /// formulas adds to it, and does so to that of with_own_graph().
   [[nodiscard]] const std::shared_ptr<formula::Graph>& graph() const { return graph_; }
+  /// The same H with its formula in a graph that nobody else uses. It shares the code of H.
+  [[nodiscard]] Hamiltonian with_own_graph() const;
   [[nodiscard]] formula::Expression expression() const { return expression_; }
   [[nodiscard]] const std::vector<formula::Expression>& variables() const { return variables_; }  ///< q, then p
 
@@ -68,7 +71,7 @@ public:
   /// entries.
   ///@{
   [[nodiscard]] const formula::Bytecode& gamma_code() const;
-  [[nodiscard]] formula::Expression gamma() const;  ///< in graph(), which it adds to
+  [[nodiscard]] formula::Expression gamma() const;  ///< in graph(), to which it is added
   ///@}
   /// For a formula::SumSizeEvaluator: how large the terms of H are, and the rounding error of H.
   [[nodiscard]] const formula::Bytecode& size_code() const { return *size_; }

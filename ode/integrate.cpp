@@ -477,15 +477,10 @@ OrbitEnd run_to_end(OrbitIntegrator& integrator, EventLog* events, const Integra
 }  // namespace
 
 OrbitEnd integrate_to_end(const Hamiltonian& hamiltonian, const InitialState& initial,
-                          const IntegrationOptions& options, std::mutex& making) {
-  std::optional<OrbitIntegrator> integrator;
-  std::unique_ptr<EventLog> events;
-  {
-    const std::scoped_lock lock(making);
-    integrator.emplace(hamiltonian, initial, options);
-    events = make_log(hamiltonian, initial, options);
-  }
-  return run_to_end(*integrator, events.get(), options);
+                          const IntegrationOptions& options) {
+  OrbitIntegrator integrator(hamiltonian, initial, options);
+  const auto events = make_log(hamiltonian, initial, options);
+  return run_to_end(integrator, events.get(), options);
 }
 
 Orbit integrate(const Hamiltonian& hamiltonian, const InitialState& initial, const IntegrationOptions& options) {

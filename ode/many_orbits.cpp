@@ -137,9 +137,9 @@ private:
 
   void alone(std::size_t m) {
     try {
-      ends_[m] = integrate_to_end(hamiltonian_, initial_[m], options_, making_);
+      ends_[m] = integrate_to_end(hamiltonian_, initial_[m], options_);
     } catch (const std::exception& error) {
-      const std::scoped_lock lock(making_);
+      const std::scoped_lock lock(failing_);
       if (!error_ || m < failed_) {
         failed_ = m;
         error_ = std::current_exception();
@@ -154,7 +154,7 @@ private:
   std::vector<std::unique_ptr<SplittingLanes>> lanes_;  ///< one for each thread
   std::atomic<std::size_t> next_ = 0;
   const std::atomic<bool>* flag_ = Interruptible::flag();  ///< that ends all
-  std::mutex making_;                                      ///< of integrators, and of the error
+  std::mutex failing_;                                     ///< of the error
   std::size_t failed_ = 0;
   std::exception_ptr error_;
 };

@@ -52,7 +52,7 @@ std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamilton
   if (!hamiltonian.constraints().none()) {
     return nullptr;
   }
-  const Hamiltonian& bare = hamiltonian.without_constant();
+  const Hamiltonian bare = hamiltonian.without_constant().with_own_graph();
   const Separation halves = separate(bare);
   if (!halves.separable()) {
     throw std::invalid_argument(fmt::format("a splitting needs H = T(p) + V(q); {} depends on both", halves.mixed));
@@ -67,7 +67,8 @@ std::unique_ptr<SplittingLanes> SplittingLanes::make(const Hamiltonian& hamilton
   std::unique_ptr<SplittingLanes> lanes(
       new SplittingLanes(n, composition, (std::max<std::size_t>(width, 1) + chunk - 1) / chunk * chunk));
   lanes->has_gamma_ = all && composition.has_node_law();
-  const std::vector<Expression> seen = seen_at_levels(bare, lanes->has_gamma_, observed);
+  const std::vector<Expression> seen =
+      seen_at_levels(bare, lanes->has_gamma_, formula::substitute(observed, *bare.graph(), {}, {}));
   lanes->nodes_ = scalar_batch(seen, variables);
 
   std::vector<Expression> outputs = step->there.all();

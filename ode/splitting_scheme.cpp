@@ -217,21 +217,22 @@ std::unique_ptr<OneStepScheme> make_splitting_scheme(const Hamiltonian& hamilton
     return make_constrained_splitting(hamiltonian, composition, z_0);
   }
   check_initial_state(hamiltonian, z_0);
-  const Separation halves = separate(hamiltonian);
+  const Hamiltonian own = hamiltonian.with_own_graph();
+  const Separation halves = separate(own);
   if (!halves.separable()) {
     throw std::invalid_argument(fmt::format(
         "a splitting needs H = T(p) + V(q); the term {} depends on coordinates and momenta: use lagrangian = \"gauss\"",
         halves.mixed));
   }
-  const std::span variables(hamiltonian.variables());
-  const std::size_t n = hamiltonian.degrees_of_freedom();
+  const std::span variables(own.variables());
+  const std::size_t n = own.degrees_of_freedom();
   if (composition.of_quadratic_kinetic_energy && !is_quadratic(halves.T, variables.subspan(n))) {
     throw std::invalid_argument(
         fmt::format("the composition {} is of order {} where T(p) is of degree two alone, and T = {} is not: use {}",
                     composition.name, composition.order, formula::to_string(halves.T),
                     composition_of_order(composition.order).name));
   }
-  return std::make_unique<SplittingScheme>(hamiltonian, SplittingHalf(halves.T, variables.subspan(n)),
+  return std::make_unique<SplittingScheme>(own, SplittingHalf(halves.T, variables.subspan(n)),
                                            SplittingHalf(halves.V, variables.first(n)), composition, z_0);
 }
 

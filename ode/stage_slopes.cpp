@@ -52,8 +52,9 @@ StageSlopes::StageSlopes(const Hamiltonian& hamiltonian, const Rows& Z, Rows& f)
     return made;
   };
   whole_ = part(hamiltonian.gradient_code(), 0, 0, 2 * n);
-  if (const Separation halves = separate(hamiltonian); halves.separable()) {
-    const auto z = std::span(hamiltonian.variables());
+  const Hamiltonian own = hamiltonian.with_own_graph();
+  if (const Separation halves = separate(own); halves.separable()) {
+    const auto z = std::span(own.variables());
     const auto half = static_cast<std::size_t>(n);
     const auto q = z.first(half), p = z.subspan(half);
     halves_.emplace(

@@ -1,6 +1,7 @@
 // Orbits from many initial states, side by side or not: each is the orbit that it is alone, bit for bit.
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <bit>
 #include <chrono>
@@ -104,6 +105,40 @@ TEST_CASE("each of many orbits is the orbit that it is alone") {
   }
   CHECK(differences(systems::pendulum().hamiltonian, around(systems::pendulum().initial, 5, 0.1),
                     {.lagrangian = Gauss{}, .step = 0.1, .until = 5.0}) == 0);
+}
+
+TEST_CASE("a Hamiltonian is used by several threads at once") {
+  const auto all_of = [](const Hamiltonian& H, const InitialState& initial) {
+    std::vector<double> numbers;
+    for (const SegmentLagrangian& scheme :
+         std::vector<SegmentLagrangian>{Splitting{}, Gauss{}, Midpoint{}, Generating{.order = 4}}) {
+      const Orbit orbit = integrate(H, initial, {.lagrangian = scheme, .step = 0.1, .until = 1.0});
+      numbers.insert(numbers.end(), orbit.q.begin(), orbit.q.end());
+    }
+    const Hamiltonian own = H.with_own_graph();
+    const formula::Bytecode gamma(std::array{own.gamma()}, own.variables());
+    std::vector<double> z = initial.q;
+    z.insert(z.end(), initial.p.begin(), initial.p.end());
+    numbers.push_back(formula::ScalarEvaluator(gamma).at(z.data())[0]);
+    numbers.push_back(formula::ScalarEvaluator(H.gamma_code()).at(z.data())[1]);
+    return numbers;
+  };
+  const InitialState initial = systems::henon_heiles().initial;
+  const std::vector<double> alone = all_of(henon_heiles_with(" + 7.3"), initial);
+  CHECK(alone.back() == Approx(alone[alone.size() - 2]).epsilon(1e-14));
+  const Hamiltonian shared = henon_heiles_with(" + 7.3");  // of which nobody has asked for derivatives yet
+  std::vector<std::vector<double>> found(8);
+  std::vector<std::thread> threads;
+  for (std::vector<double>& numbers : found) {
+    threads.emplace_back([&] { numbers = all_of(shared, initial); });
+  }
+  for (std::thread& thread : threads) {
+    thread.join();
+  }
+  for (const std::vector<double>& numbers : found) {
+    CHECK(numbers == alone);
+  }
+  CHECK(all_of(henon_heiles_with(" + 7.3 + 1e-9*x"), initial) != alone);  // a twin
 }
 
 TEST_CASE("a difference in the last places is seen") {

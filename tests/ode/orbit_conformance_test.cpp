@@ -10,6 +10,7 @@
 
 #include <rubato/ode/midpoint_scheme.hpp>
 #include <rubato/ode/orbit_methods.hpp>
+#include <rubato/ode/separable.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
 #include <rubato/variation/composition.hpp>
 #include <rubato/variation/total_variation.hpp>
@@ -152,6 +153,25 @@ TEST_CASE("every scheme for orbits is unimpressed by trials that it does not acc
     const double rounding = method_of(form.scheme).name == "forward" ? 1e-11 : 1e-14;
     CHECK(distance(after(*plain, first_step, 1), after(*tried, first_step, 1)) < rounding);
   }
+}
+
+TEST_CASE("no scheme for orbits adds to the graph of its problem, which others may be reading") {
+  const auto size = [] { return pendulum.graph()->size() + pendulum_by_L.graph()->size(); };
+  const std::size_t before = size();
+  for (const Form& form : all_forms()) {
+    INFO(form.reported);
+    const auto scheme = make(form);
+    REQUIRE(scheme->advance(first_step, 0.0) == Status::success);
+    if (auto* const one_step = dynamic_cast<OneStepScheme*>(scheme.get())) {
+      std::vector<double> columns = {1.0, 0.0, 0.0, 1.0};
+      static_cast<void>(one_step->tangent(columns));
+    }
+    static_cast<void>(scheme->energy_size());
+    static_cast<void>(scheme->node());
+    CHECK(size() == before);
+  }
+  static_cast<void>(separate(pendulum));  // a twin
+  CHECK(size() > before);
 }
 
 TEST_CASE("every scheme for orbits has the order that it says") {
