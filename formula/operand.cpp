@@ -25,4 +25,12 @@ std::string refusal(char symbol, const Operand& a, const Operand& b) {
   return fmt::format("{} does not take a vector here", symbol);
 }
 
+Expression scalar_product(std::span<const Expression> a, std::span<const Expression> b) {
+  Expression sum = a[0] * b[0];
+  for (std::size_t i = 1; i < a.size(); ++i) {
+    sum += a[i] * b[i];
+  }
+  return sum;
+}
+
 }  // namespace rubato::formula

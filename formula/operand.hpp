@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -33,5 +34,8 @@ Operand by_component(const Operand& a, const Operand& b, Function function) {
 /// Why `symbol` cannot stand between two operands; empty if it can: sums take two vectors of one length, a vector is
 /// multiplied by a number, and divided by one.
 [[nodiscard]] std::string refusal(char symbol, const Operand& a, const Operand& b);
+
+/// Σ a_i b_i, from left to right; of vectors of one length, at least 1.
+[[nodiscard]] Expression scalar_product(std::span<const Expression> a, std::span<const Expression> b);
 
 }  // namespace rubato::formula

@@ -178,8 +178,7 @@ private:
     refuse_after_operand();
   }
 
-  // ---- components of vectors, and sums over them
-  // ---------------------------------------------------------------------
+  // ---- components of vectors ----------------------------------------------------------------------------------------
 
   /// A name given by its sum: i = 3, or, while a loop is built, a variable.
   struct Bound {
@@ -412,14 +411,6 @@ private:
     return scalar_product(first, second);
   }
 
-  static Expression scalar_product(std::span<const Expression> a, std::span<const Expression> b) {
-    Expression sum = a[0] * b[0];
-    for (std::size_t i = 1; i < a.size(); ++i) {
-      sum += a[i] * b[i];
-    }
-    return sum;
-  }
-
   /// noise ( seed ): a number. noise ( seed , waves ) is the caller's, if there is a domain.
   Expression parse_noise(const Token& called) {
     const std::size_t opening = token_.offset;
@@ -583,8 +574,7 @@ private:
     return has_sums;
   }
 
-  // ---- names and calls
-  // -----------------------------------------------------------------------------------------------
+  // ---- names and calls ----------------------------------------------------------------------------------------------
 
   Expression resolve(const Token& token) {
     if (const Bound* const bound = find_bound(token.text)) {
@@ -596,13 +586,7 @@ private:
     if (const auto known = context_.resolve(token.text)) {
       return here(*known);
     }
-    if (find_function(token.text) != nullptr) {
-      fail(token.offset, fmt::format("{0} is a function: write {0}(...)", token.text));
-    }
-    if (const std::string_view advice = foreign_advice(token.text); !advice.empty()) {
-      fail(token.offset, fmt::format("unknown name '{}': {}", token.text, advice));
-    }
-    fail(token.offset, fmt::format("unknown name '{}'{}", token.text, suggestion(token.text)));
+    refuse_name(text_, token, context_.known_names);
   }
 
   /// name ( argument {, argument} )
@@ -656,29 +640,12 @@ private:
     return result;
   }
 
-  [[nodiscard]] std::string suggestion(std::string_view name) const {
-    auto nearest = nearest_name(name, context_.known_names);
-    if (!nearest) {
-      nearest = nearest_name(name, reserved_names());
-    }
-    return nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string();
-  }
-
   [[noreturn]] void refuse_call(const Token& called) const {
     if (find_constant(called.text) != nullptr || context_.resolve(called.text)) {
       fail(called.offset, fmt::format("'{0}' is not a function: for a product write {0}*(...)", called.text));
     }
-    if (const std::string_view advice = foreign_advice(called.text); !advice.empty()) {
-      fail(called.offset, fmt::format("unknown function '{}': {}", called.text, advice));
-    }
-    auto nearest = nearest_name(called.text, reserved_names());
-    if (!nearest) {
-      nearest = nearest_name(called.text, context_.known_names);
-    }
-    fail(called.offset, fmt::format("unknown function '{}'{}", called.text,
-                                    nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string()));
+    refuse_function(text_, called, context_.known_names);
   }
-
   [[noreturn]] void refuse_after_operand() const { formula::refuse_after_operand(text_, previous_, token_); }
 
   std::string_view text_;

@@ -147,6 +147,41 @@ void refuse_after_operand(std::string_view text, const Token& previous, const To
                          : fmt::format("an operator is missing before '{}': for a product write *", token.text));
 }
 
+namespace {
+
+std::string did_you_mean(std::string_view name, std::span<const std::string> known,
+                         std::span<const std::string> others) {
+  auto nearest = nearest_name(name, known);
+  if (!nearest) {
+    nearest = nearest_name(name, others);
+  }
+  return nearest ? fmt::format(": did you mean '{}'?", *nearest) : std::string();
+}
+
+void refuse_foreign(std::string_view text, const Token& token, std::string_view kind) {
+  if (const std::string_view advice = foreign_advice(token.text); !advice.empty()) {
+    throw ParseError(text, token.offset, fmt::format("unknown {} '{}': {}", kind, token.text, advice));
+  }
+}
+
+}  // namespace
+
+void refuse_name(std::string_view text, const Token& name, std::span<const std::string> known) {
+  if (find_function(name.text) != nullptr) {
+    throw ParseError(text, name.offset, fmt::format("{0} is a function: write {0}(...)", name.text));
+  }
+  refuse_foreign(text, name, "name");
+  throw ParseError(text, name.offset,
+                   fmt::format("unknown name '{}'{}", name.text, did_you_mean(name.text, known, reserved_names())));
+}
+
+void refuse_function(std::string_view text, const Token& called, std::span<const std::string> known) {
+  refuse_foreign(text, called, "function");
+  throw ParseError(
+      text, called.offset,
+      fmt::format("unknown function '{}'{}", called.text, did_you_mean(called.text, reserved_names(), known)));
+}
+
 std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known) {
   constexpr std::size_t farthest = 2;
   std::size_t least = farthest + 1;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -34,6 +35,13 @@ struct Token {
 ///@{
 [[noreturn]] void refuse_missing_operand(std::string_view text, const Token& previous, const Token& token);
 [[noreturn]] void refuse_after_operand(std::string_view text, const Token& previous, const Token& token);
+///@}
+
+/// What is wrong with a name, or with that of a function, which neither the language nor the caller knows; `known` are
+/// the caller's names. \throws ParseError
+///@{
+[[noreturn]] void refuse_name(std::string_view text, const Token& name, std::span<const std::string> known);
+[[noreturn]] void refuse_function(std::string_view text, const Token& called, std::span<const std::string> known);
 ///@}
 
 /// The names of all functions, words and constants, whether they may be given to something else or not.
