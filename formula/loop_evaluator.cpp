@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 #include <utility>
 
 #include <rubato/base/wide_vectors.hpp>
@@ -39,16 +40,34 @@ void for_each_block(const Iterations& iterations, std::vector<Piece>& pieces, Bo
   }
 }
 
-RUBATO_WIDE_VECTORS void gather(const double* from, std::ptrdiff_t stride, std::size_t count, double* to) {
-  for (std::size_t i = 0; i < count; ++i, from += stride) {
-    to[i] = *from;
+/// Calls body with the stride, as a constant where it is a small one: then the compiler makes loops over vectors.
+template <typename Body>
+[[gnu::always_inline]] inline void with_stride(std::ptrdiff_t stride, Body body) {
+  switch (stride) {
+    case 0: body(std::integral_constant<std::ptrdiff_t, 0>()); break;
+    case 1: body(std::integral_constant<std::ptrdiff_t, 1>()); break;
+    case 2: body(std::integral_constant<std::ptrdiff_t, 2>()); break;
+    case 3: body(std::integral_constant<std::ptrdiff_t, 3>()); break;
+    default: body(stride);
   }
 }
 
-RUBATO_WIDE_VECTORS void scatter(const double* from, std::ptrdiff_t stride, std::size_t count, double* to) {
-  for (std::size_t i = 0; i < count; ++i, to += stride) {
-    *to += from[i];
-  }
+RUBATO_WIDE_VECTORS void gather(const double* __restrict from, std::ptrdiff_t stride, std::ptrdiff_t count,
+                                double* __restrict to) {
+  with_stride(stride, [=] [[gnu::always_inline]] (auto step) {
+    for (std::ptrdiff_t i = 0; i < count; ++i) {
+      to[i] = from[i * step];
+    }
+  });
+}
+
+RUBATO_WIDE_VECTORS void scatter(const double* __restrict from, std::ptrdiff_t stride, std::ptrdiff_t count,
+                                 double* __restrict to) {
+  with_stride(stride, [=] [[gnu::always_inline]] (auto step) {
+    for (std::ptrdiff_t i = 0; i < count; ++i) {
+      to[i * step] += from[i];
+    }
+  });
 }
 
 RUBATO_WIDE_VECTORS double sum_by_eights(const double* values, std::size_t count) {
@@ -126,12 +145,7 @@ void LoopEvaluator::run(Runner& runner, const double* arguments, double* outputs
       for (const Runner::Piece& piece : pieces) {
         const std::ptrdiff_t stride = iterations.column(piece.stretch, *code.slots[k].column).stride;
         const double* const from = arguments + code.slots[k].at(iterations, piece.stretch, piece.first);
-        double* const to = room(k) + piece.at;
-        if (stride == 0) {
-          std::fill_n(to, piece.count, *from);
-        } else {
-          gather(from, stride, piece.count, to);
-        }
+        gather(from, stride, static_cast<std::ptrdiff_t>(piece.count), room(k) + piece.at);
       }
     }
     runner.body(count, runner.slots, runner.terms);
@@ -148,7 +162,7 @@ void LoopEvaluator::run(Runner& runner, const double* arguments, double* outputs
         if (stride == 0) {
           *to += sum_by_eights(from, piece.count);
         } else {
-          scatter(from, stride, piece.count, to);
+          scatter(from, stride, static_cast<std::ptrdiff_t>(piece.count), to);
         }
       }
     }
