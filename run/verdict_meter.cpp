@@ -13,13 +13,20 @@ namespace {
 
 /// The first so many levels are in the sample, and at least half as many of k, ..., 2k. Doubled, the sample is twice as
 /// large. A large lattice has so few that what they take stays below that of the steps.
-constexpr std::size_t orbit_density = 128, lattice_density = 16, large_density = 2;
+constexpr std::size_t lattice_density = 16, large_density = 2;
 constexpr double large_lattice = 1 << 17;  // nodes
+
+/// Likewise of an orbit with so many coordinates and momenta. A level of the sample takes as long as several steps,
+/// which in a short run of a large system would be most of its time.
+std::size_t orbit_density(std::size_t dimension) {
+  constexpr std::size_t least = 4, most = 128, numbers_in_all = 1 << 14;
+  return std::clamp(numbers_in_all / dimension, least, most);
+}
 
 std::size_t density_of(const Problem& problem) {
   const MultisymplecticProblem* const lattice = problem.multisymplectic();
   if (lattice == nullptr) {
-    return orbit_density;
+    return orbit_density(problem.hamiltonian()->names().size());
   }
   return lattice->nodes() > large_lattice ? large_density : lattice_density;
 }

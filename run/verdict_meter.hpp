@@ -11,8 +11,8 @@
 namespace rubato {
 
 /// Takes the measures of the verdict along a run. It looks at a sample of the levels, so that its cost is small beside
-/// that of the steps: each of the first ones, then levels at distances in proportion to their number, and on a
-/// lattice all that are stored, if these are few. A lattice that ranks share is
+/// that of the steps: each of the first ones, fewer of a large system, then levels at distances in proportion to their
+/// number, and on a lattice all that are stored, if these are few. A lattice that ranks share is
 /// not measured: its verdict rests on the energy law alone.
 class VerdictMeter {
 public:
