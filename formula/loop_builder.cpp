@@ -148,7 +148,7 @@ public:
 
   [[nodiscard]] const std::vector<Range>& ranges() const { return ranges_; }
 
-  /// Sums of parts of a term apart, each as it is: what depends on momenta alone may be told from the rest.
+  /// Sums of parts of a term apart, each as it is: what depends on momenta alone is then a term of its own.
   void add(Expression term) { std::ranges::copy(terms_of(term), std::back_inserter(terms_)); }
 
   [[nodiscard]] std::size_t size() {

@@ -218,7 +218,7 @@ TEST_CASE("what is no loop is written out") {
   CHECK(Read("sum(i, 1, 2000, 1/i^2)", 1).formula.is_constant());
 }
 
-TEST_CASE("what is wrong with the term of a loop is told at its place") {
+TEST_CASE("what is wrong with the term of a loop is reported at its place") {
   const auto failure = [](const std::string& text) {
     try {
       Read(text, 2000);
