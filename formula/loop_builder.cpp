@@ -158,11 +158,13 @@ public:
     return count;
   }
 
+  /// Of the terms built: the most variables that one reads.
+  [[nodiscard]] std::size_t most_read() const { return most_read_; }
+
   [[nodiscard]] std::optional<Expression> build(Graph& into, const FindComponent& find) {
     find_slots();
     count_iterations();
     std::vector<Expression> sums;
-    bool is_number = true;
     for (const Expression term : terms_) {
       const auto body = std::make_shared<Graph>();
       Loop loop{.iterations = iterations_, .graph = body, .slots = {}, .terms = {}};
@@ -177,9 +179,10 @@ public:
       }
       loop.terms.push_back({substitute(std::array{term}, *body, from, to).front(), {}});
       sums.push_back(into.make(std::make_shared<const Loop>(std::move(loop)), arguments).front());
-      is_number = is_number && std::ranges::all_of(arguments, [](Expression x) { return x.is_constant(); });
+      const auto read = std::ranges::count_if(arguments, [](Expression x) { return !x.is_constant(); });
+      most_read_ = std::max(most_read_, static_cast<std::size_t>(read));
     }
-    return is_number ? std::nullopt : std::optional(folded_sum(std::move(sums)));
+    return most_read_ == 0 ? std::nullopt : std::optional(folded_sum(std::move(sums)));
   }
 
 private:
@@ -403,6 +406,7 @@ private:
   std::vector<Expression> columns_;
   std::vector<std::int32_t> lowest_, highest_;  ///< values of the columns
   std::shared_ptr<Iterations> iterations_;
+  std::size_t most_read_ = 0;
 };
 
 std::vector<LoopBuilder::Chain> LoopBuilder::chains_of(const std::vector<Nest>& nests) const {
@@ -430,6 +434,7 @@ std::optional<Expression> LoopBuilder::finish(Expression sum, const FindComponen
     return std::nullopt;
   }
   std::vector<Expression> sums;
+  std::size_t read = 0;
   for (Chain& chain : chains) {
     if (chain.size() == 0) {
       continue;
@@ -439,6 +444,10 @@ std::optional<Expression> LoopBuilder::finish(Expression sum, const FindComponen
       return std::nullopt;
     }
     sums.push_back(*built);
+    read += chain.most_read();
+  }
+  if (size < fewest_per_variable * read) {
+    return std::nullopt;
   }
   return folded_sum(std::move(sums));
 }

@@ -40,12 +40,15 @@ public:
   [[nodiscard]] std::optional<std::int64_t> distance(Expression first, Expression last) const;
 
   using FindComponent = std::function<std::optional<Expression>(std::string_view vector, std::int64_t index)>;
-  /// The outermost sum in the other graph; none if it has less than shortest_loop iterations, or is a number.
+  /// The outermost sum in the other graph; none if it has less than shortest_loop iterations, or less than
+  /// fewest_per_variable for each variable that it reads, or is a number.
   /// \throws NotALoop
   [[nodiscard]] std::optional<Expression> finish(Expression sum, const FindComponent& find);
 
   /// Fewer iterations are written out: in straight code values that several of them need are computed once.
   static constexpr std::size_t shortest_loop = 1024;
+  /// Likewise: the code of chains and lattices, which have one or two, is no longer than their states.
+  static constexpr std::size_t fewest_per_variable = 4;
 
 private:
   struct Range {

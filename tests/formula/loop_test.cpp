@@ -106,13 +106,19 @@ double against_plain(const std::string& loop, const std::string& plain, std::siz
                     Values(with_gradient(b.formula, b.variables), b.variables, point(n)));
 }
 
-/// Terms with {0} for i and {1} for i + 1, joined by signs of plus.
+constexpr int elements = 220;  ///< that iterations go round
+
+/// Terms with {0} for i and {1}, {2} for the indices of element(0) and element(1), joined by signs of plus.
 std::string written_out(int n, const std::string& term) {
   std::string all;
   for (int i = 1; i <= n; ++i) {
-    all += (i == 1 ? "" : " + ") + fmt::format(fmt::runtime(term), i, i % n + 1);
+    all += (i == 1 ? "" : " + ") + fmt::format(fmt::runtime(term), i, i % elements + 1, (i + 1) % elements + 1);
   }
   return all;
+}
+
+std::string element(int further) {
+  return fmt::format("r[mod(i + {}, {}) + 1]", further, elements);
 }
 
 }  // namespace
@@ -176,20 +182,23 @@ TEST_CASE("a graph with a loop does not grow with its iterations") {
 
 TEST_CASE("terms of loops may have numbers and conditions of their index, names, and indices of any form") {
   constexpr int n = 1100;
-  CHECK(against_plain(fmt::format("sum(i, 1, {}, k*cos(i*pi/7)*r[i]^2)", n), written_out(n, "k*cos({0}*pi/7)*r{0}^2"),
-                      n) <= 1.0);
-  CHECK(against_plain(fmt::format("sum(i, 1, {0}, (r[mod(i, {0}) + 1] - r[i])^3)/3", n),
-                      "(" + written_out(n, "(r{1} - r{0})^3") + ")/3", n) <= 1.0);
-  CHECK(against_plain(fmt::format("sum(i, 1, {}, where(r[i] > k, sqrt(r[i] - k), sin(i)*r[i]))", n),
-                      written_out(n, "where(r{0} > k, sqrt(r{0} - k), sin({0})*r{0})"), n) <= 1.0);
-  CHECK(against_plain(fmt::format("sum(i, 1, {0}, r[i]*norm(r[i:i+2]) + r[i]) - sum(i, 1, {0}, r[i])", n),
-                      written_out(n, "r{0}*sqrt(r{0}^2 + r[{0}+1]^2 + r[{0}+2]^2)"), n + 2) <= 1.0);
-  CHECK(against_plain(fmt::format("exp(-sum(i, 1, {0}, r[i]^2)/{0})*sum(i, 1, {0}, i*r[i])", n),
-                      fmt::format("exp(-({})/{})*({})", written_out(n, "r{0}^2"), n, written_out(n, "{0}*r{0}")),
-                      n) <= 1.0);
+  const std::string r = element(0), next = element(1);
+  CHECK(against_plain(fmt::format("sum(i, 1, {}, k*cos(i*pi/7)*{}^2)", n, r), written_out(n, "k*cos({0}*pi/7)*r{1}^2"),
+                      elements) <= 1.0);
+  CHECK(against_plain(fmt::format("sum(i, 1, {}, ({} - {})^3)/3", n, next, r),
+                      "(" + written_out(n, "(r{2} - r{1})^3") + ")/3", elements) <= 1.0);
+  CHECK(against_plain(fmt::format("sum(i, 1, {0}, where({1} > k, sqrt({1} - k), sin(i)*{1}))", n, r),
+                      written_out(n, "where(r{1} > k, sqrt(r{1} - k), sin({0})*r{1})"), elements) <= 1.0);
+  CHECK(
+      against_plain(fmt::format("sum(i, 1, {0}, {1}*norm(r[mod(i, {2})+1:mod(i, {2})+3]) + {1}) - sum(i, 1, {0}, {1})",
+                                n, r, elements),
+                    written_out(n, "r{1}*sqrt(r{1}^2 + r[{1}+1]^2 + r[{1}+2]^2)"), elements + 2) <= 1.0);
+  CHECK(against_plain(fmt::format("exp(-sum(i, 1, {0}, {1}^2)/{0})*sum(i, 1, {0}, i*{1})", n, r),
+                      fmt::format("exp(-({})/{})*({})", written_out(n, "r{1}^2"), n, written_out(n, "{0}*r{1}")),
+                      elements) <= 1.0);
   // A twin: the neighbour on the other side of a chain is another one.
-  CHECK(against_plain(fmt::format("sum(i, 1, {0}, i*(r[mod(i, {0}) + 1] - r[i])^3)/3", n),
-                      "(" + written_out(n, "{1}*(r{1} - r{0})^3") + ")/3", n) > 1e6);
+  CHECK(against_plain(fmt::format("sum(i, 1, {}, i*({} - {})^3)/3", n, next, r),
+                      "(" + written_out(n, "{2}*(r{2} - r{1})^3") + ")/3", elements) > 1e6);
 }
 
 TEST_CASE("the directional derivative of a gradient with loops is that of its terms") {
@@ -210,10 +219,11 @@ TEST_CASE("the directional derivative of a gradient with loops is that of its te
 
 TEST_CASE("what is no loop is written out") {
   const auto is_loop = [](const std::string& text) { return has_loops(Read(text, 2000).formula); };
-  CHECK(is_loop("sum(i, 1, 2000, r[i]^2)"));
-  CHECK_FALSE(is_loop("sum(i, 1, 20, r[i]^2)"));
-  CHECK_FALSE(is_loop("sum(i, 1, 2000, r[i]*noise(i))"));
-  CHECK_FALSE(is_loop("sum(i, 1, 2000, (1 + r[i]^2)^(i/2000))"));
+  CHECK(is_loop("sum(i, 1, 2000, r[mod(i, 220)+1]^2)"));
+  CHECK_FALSE(is_loop("sum(i, 1, 880, r[mod(i, 220)+1]^2)"));
+  CHECK_FALSE(is_loop("sum(i, 1, 2000, r[i]^2)"));  // as many variables as iterations
+  CHECK_FALSE(is_loop("sum(i, 1, 2000, r[mod(i, 220)+1]*noise(i))"));
+  CHECK_FALSE(is_loop("sum(i, 1, 2000, (1 + r[mod(i, 220)+1]^2)^(i/2000))"));
   CHECK_FALSE(is_loop("sum(i, 1, 40, sin(sum(j, 1, 40, r[i]*r[j])))"));
   CHECK(Read("sum(i, 1, 2000, 1/i^2)", 1).formula.is_constant());
 }

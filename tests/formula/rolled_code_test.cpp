@@ -190,12 +190,12 @@ TEST_CASE("a chain goes in loops but for its ends, and its code does not grow wi
 }
 
 TEST_CASE("long sums are folded, which keeps their rounding small") {
-  constexpr std::size_t n = 512;  // fewer than in a loop
+  constexpr std::size_t n = 4096;
   Chain chain(n);
   const Expression value = parse(fmt::format("sum(i, 1, {}, q[i])", n), chain.graph, chain.names);
   ScalarEvaluator evaluate(Bytecode(std::array{value}, chain.q));
   const std::vector<double> tenths(n, 0.1);
-  // Of log2 n = 9 roundings in a row, here none: doubling is exact. One after the other they would add up.
+  // Of log2 n = 12 roundings in a row, here none: doubling is exact. One after the other they would add up.
   CHECK(evaluate.at(tenths.data())[0] == 0.1 * n);
   double in_order = 0.0;
   for (const double x : tenths) {
