@@ -45,7 +45,7 @@ public:
     if (std::ranges::none_of(rows.probes(), is_defined)) {
       throw std::invalid_argument(fmt::format(
           "the second derivatives of L are not defined at steps of {:.3g}, neither at fields between 0.2 and "
-          "1.2 nor near the initial data: see to it that L has them there",
+          "1.2 nor near the initial data: state an L that has them there",
           h));
     }
     MatrixXd sizes = MatrixXd::Zero(size_, size_);

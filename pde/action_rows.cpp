@@ -98,7 +98,7 @@ void ActionRows::find_probes(const StatedAction& stated) {
                                               : "";
   }
   throw std::invalid_argument(fmt::format(
-      "the variation of L by {} is not defined at fields between 0.2 and 1.2{}: see to it that L has derivatives there",
+      "the variation of L by {} is not defined at fields between 0.2 and 1.2{}: state an L that has derivatives there",
       system_.fields()[static_cast<std::size_t>(rows_[undefined].field)], near));
 }
 
