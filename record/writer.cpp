@@ -26,6 +26,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+/// Longer rows are taken over in parts of so many bytes, so that no more of one waits in memory than may.
+constexpr std::size_t most_waiting_of_a_row = std::size_t{1} << 20;
+
 /// A growing dataset on its way to the file. The bytes of its rows, one row after the other, are in the working file up
 /// to `flushed`; the rest is in `waiting`. Checksums are computed when bytes leave, of many rows at once.
 struct Gathered {
@@ -67,6 +70,8 @@ struct Gathered {
     keep_checksum_before(place);
     checksum_of_flushed.add(std::span(waiting).first(place - flushed));
     waiting.erase(waiting.begin(), waiting.begin() + static_cast<std::ptrdiff_t>(place - flushed));
+    if (row_bytes > most_waiting_of_a_row)  // the next one is far away
+      waiting.shrink_to_fit();
     flushed = place;
   }
   /// The next row is in the working file, which nothing waits for.
@@ -106,9 +111,6 @@ private:
       checksum_of_complete = checksum_of(complete);
   }
 };
-
-/// Longer rows are taken over in parts of so many bytes, so that no more of one waits in memory than may.
-constexpr std::size_t most_waiting_of_a_row = std::size_t{1} << 20;
 
 /// What the chunks of a dataset divide its rows into.
 void set_chunk(Gathered& column, const Layout& layout, const std::vector<hsize_t>& chunk) {
