@@ -76,6 +76,8 @@ def build(system, initial, t_span, *, step, scheme=None, stages=None, levels=Non
         initial, t_span = None, initial
     known = _options()
     for key in options or {}:
+        if key == "until":
+            raise TypeError(f"{function} takes no keyword 'until': give t_span = (start, until)")
         if key not in known:
             raise _toml.unknown_keyword(function, key, [*known, *_own_keywords])
     if t_span is None:

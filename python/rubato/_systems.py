@@ -196,7 +196,7 @@ class Field(System):
     Parameters
     ----------
     fields : str or list of str, optional
-        Names of the fields; not needed with `equation`.
+        Names of the fields; not needed with `equation`. Equations in this place are taken as `equation`.
     L : callable or str, optional
         The density, of the fields and their derivatives u_t, u_x: the parameters of the function are their names.
     H : callable or str, optional
@@ -211,7 +211,7 @@ class Field(System):
     --------
     >>> import numpy as np, rubato as rb
     >>> wave = rb.Field("u", L=lambda u, u_t, u_x: u_t**2/2 - u_x**2/2 - (1 - np.cos(u)))
-    >>> same = rb.Field(equation="u_tt = u_xx - sin(u)")
+    >>> same = rb.Field("u_tt = u_xx - sin(u)")
     """
 
     _keywords = System._keywords + ("fields", "L", "H", "equation", "structure", "pairs", "psi", "symmetries")
@@ -219,8 +219,10 @@ class Field(System):
     def __init__(self, fields=None, L=None, *, H=None, equation=None, structure=None, pairs=None, psi=None,
                  symmetries=None, title=None, parameters=None, definitions=None, invariants=None, exact=None,
                  tables=None, **keywords):
+        if L is None and H is None and equation is None and _are_equations(fields):
+            fields, equation = None, fields
         if (L is not None) + (H is not None) + (equation is not None) != 1:
-            raise TypeError("Field takes one of L, H and equation")
+            raise TypeError("Field takes one of L, H and equation, such as Field(\"u_tt = u_xx - sin(u)\")")
         names = [] if fields is None else _names(fields, "fields")
         table = {} if fields is None else {"fields": names}
         others = list(keywords) + list(parameters or {}) + list(definitions or {}) + ["x", "y", "z", "t"]
@@ -243,6 +245,11 @@ class Field(System):
 
     def __repr__(self) -> str:
         return f"<rubato.Field {next(iter(self._tables['field'].values()))!r}>"
+
+
+def _are_equations(value) -> bool:
+    texts = [value] if isinstance(value, str) else value
+    return isinstance(texts, (list, tuple)) and len(texts) > 0 and all(isinstance(t, str) and "=" in t for t in texts)
 
 
 def _arguments(function) -> list:

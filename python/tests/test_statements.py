@@ -134,6 +134,15 @@ class Tracing(unittest.TestCase):
         with self.assertRaisesRegex(rb.ProblemError, "verdict"):
             rb.integrate(rb.Hamiltonian("q", "p", "p^2/2", tables={"verdit": {"accept": []}}), [0, 1], (0, 1), step=0.1)
 
+    def test_equations_in_the_place_of_fields(self):
+        pair = ["u_tt = u_xx - sin(u - v)", "v_tt = v_xx + sin(u - v)"]
+        for equation in ("u_tt = u_xx - sin(u)", pair):
+            first, second = rb.Field(equation), rb.Field(equation=equation)
+            self.assertEqual(first._tables, second._tables)
+        for wrong in ("u", ["u", "v"], ["u_tt = u_xx", "v"], [], None):
+            with self.assertRaisesRegex(TypeError, "one of L, H and equation"):
+                rb.Field(wrong)
+
     def test_misspelt_words(self):
         with self.assertRaisesRegex(TypeError, "title"):
             rb.Hamiltonian("q", "p", "p^2/2", tittle="x")
@@ -141,6 +150,8 @@ class Tracing(unittest.TestCase):
             rb.integrate(rb.Hamiltonian("q", "p", "p^2/2 + q^2"), [0, 1], (0, 1), step=0.1, stagse=2)
         with self.assertRaisesRegex(AttributeError, "integrate"):
             rb.integrat
+        with self.assertRaisesRegex(TypeError, "t_span"):
+            rb.integrate(rb.Hamiltonian("q", "p", "p^2/2"), [0, 1], until=1, step=0.1)
         wave = rb.Field(equation="u_tt = u_xx")
         for word, call in (("terminal", lambda: rb.Event("q", termnal=True)), ("replay", lambda: rb.check("a.h5", repaly=True)),
                            ("until", lambda: rb.resume("a.h5", untill=2)), ("crossing", lambda: rb.Event(crosing="q")),
