@@ -32,12 +32,9 @@ Eigen::VectorXd logarithms(const Eigen::MatrixXd& weights) {
   return rows.completeOrthogonalDecomposition().solve(values);
 }
 
-}  // namespace
-
-std::vector<double> natural_sizes(const Eigen::MatrixXd& weights) {
-  // An iteration halves the logarithms of what the rows are off by.
+/// Divided by what the rows are off by, again and again. An iteration halves the logarithms of that.
+Eigen::VectorXd equilibrated(const Eigen::MatrixXd& weights, Eigen::VectorXd sizes) {
   constexpr int iterations = 40;
-  Eigen::VectorXd sizes = logarithms(weights).array().exp();
   for (int i = 0; i < iterations; ++i) {
     const Eigen::MatrixXd scaled = sizes.asDiagonal() * weights * sizes.asDiagonal();
     for (Eigen::Index f = 0; f < sizes.size(); ++f) {
@@ -45,6 +42,18 @@ std::vector<double> natural_sizes(const Eigen::MatrixXd& weights) {
       sizes(f) /= largest > 0.0 && std::isfinite(largest) ? std::sqrt(largest) : 1.0;
     }
   }
+  return sizes;
+}
+
+}  // namespace
+
+std::vector<double> natural_sizes(const Eigen::MatrixXd& weights) {
+  // A weight that is next to nothing beside the others, as exp(u) far below 0, would count by its logarithm.
+  constexpr double counts = 1e-3;
+  Eigen::VectorXd sizes = equilibrated(weights, logarithms(weights).array().exp());
+  const Eigen::ArrayXXd scaled = sizes.asDiagonal() * weights * sizes.asDiagonal();
+  const Eigen::MatrixXd counted = (scaled >= counts).select(weights, 0.0);
+  sizes = equilibrated(weights, logarithms(counted).array().exp());
   return {sizes.begin(), sizes.end()};
 }
 
@@ -80,7 +89,7 @@ EnergyFloor::EnergyFloor(const MultisymplecticSystem& system, const grids::Grid&
 void EnergyFloor::raise(formula::SumSize& size, std::span<const double* const> fields) const {
   const std::size_t nodes = grid_.size();
   const auto count = static_cast<double>(grids::whole_count(nodes));
-  std::vector<double> sizes, waves;  // root mean squares, of the fields and of their deviations from the mean
+  std::vector<double> sizes, waves;  // root mean squares, of the fields with the sign of the mean and of their waves
   for (const double* const values : fields) {
     const double mean = grids::sum_of(nodes, [values](std::size_t i) { return values[i]; }) / count;
     const double squares = grids::sum_of(nodes,
@@ -89,7 +98,7 @@ void EnergyFloor::raise(formula::SumSize& size, std::span<const double* const> f
                                            return deviation * deviation;
                                          }) /
                            count;
-    sizes.push_back(std::sqrt(mean * mean + squares));
+    sizes.push_back(std::copysign(std::sqrt(mean * mean + squares), mean));
     waves.push_back(std::sqrt(squares));
   }
   const double largest = largest_in(natural_sizes(system_, grid_, hessian_of_sizes(system_, grid_, sizes)), waves);

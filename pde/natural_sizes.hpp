@@ -27,7 +27,7 @@ inline constexpr double rounding_beside_others = 1e-10;
 /// max_f |z_f|/D_f: the size of all fields together.
 [[nodiscard]] double largest_in(std::span<const double> natural, std::span<const double> sizes);
 
-/// S'' of fields of these sizes, in the middle of the domain; the constant part alone where that is not finite.
+/// S'' of fields that have these values, in the middle of the domain; the constant part alone where that is not finite.
 [[nodiscard]] Eigen::MatrixXd hessian_of_sizes(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                std::span<const double> sizes);
 

@@ -103,9 +103,11 @@ std::vector<Complex> unit_roots(std::size_t n) {
 /// Σ c_j σ^j, found from values on circles. Numbers of any size: each with a logarithm of its own.
 class Polynomial {
 public:
-  /// \param circle unit_roots(size of the polynomial), which it reads
-  explicit Polynomial(const std::vector<Complex>& circle)
+  /// \param circle unit_roots(n), which it reads, n > degree \param degree that it has at most: terms beyond show the
+  /// rounding errors of the values
+  Polynomial(const std::vector<Complex>& circle, std::size_t degree)
       : circle_(circle),
+        most_(degree),
         coefficient_(circle.size(), 0.0),
         logarithm_(circle.size(), 0.0),
         share_(circle.size(), significant) {}
@@ -132,8 +134,12 @@ public:
       terms.push_back(sum / static_cast<double>(size()));
       most = std::max(most, std::abs(terms.back()));
     }
-    for (std::size_t j = 0; j < size(); ++j) {
-      if (const double share = std::abs(terms[j]) / most; share > share_[j]) {
+    double noise = 0.0;
+    for (std::size_t j = most_ + 1; j < size(); ++j) {
+      noise = std::max(noise, above_noise * std::abs(terms[j]) / most);
+    }
+    for (std::size_t j = 0; j <= most_; ++j) {
+      if (const double share = std::abs(terms[j]) / most; share > std::max(share_[j], noise)) {
         share_[j] = share;
         coefficient_[j] = terms[j];
         logarithm_[j] = largest - static_cast<double>(j) * std::log(radius);
@@ -188,7 +194,10 @@ private:
     return low;
   }
 
+  static constexpr double above_noise = 100.0;
+
   const std::vector<Complex>& circle_;
+  std::size_t most_;
   std::vector<Complex> coefficient_;
   std::vector<double> logarithm_;  ///< of a factor beside each
   std::vector<double> share_;      ///< of the circle that showed it best
@@ -200,13 +209,14 @@ public:
   Pencil(const MatrixXd& M, const MatrixXd& kernel)
       : Z_(basis_with_kernel(kernel, M.rows())),
         M_(congruent(Z_, M.cast<Complex>())),
+        rank_(static_cast<std::size_t>(M.rows() - kernel.cols())),
         circle_(unit_roots(static_cast<std::size_t>(M.rows()) + 1)) {}
 
   /// The polynomial det(σM - B) is known by its values on circles, each of which shows the coefficients that matter
   /// there; one more, through the roots' geometric mean, shows those of roots alike in size best.
   [[nodiscard]] std::vector<Complex> roots(const MatrixXcd& matrix) const {
     const MatrixXcd B = congruent(Z_, matrix);
-    Polynomial polynomial(circle_);
+    Polynomial polynomial(circle_, rank_);
     for (int power = -8; power <= 24; power += 2) {
       observe(polynomial, std::pow(10.0, power), B);
     }
@@ -259,6 +269,7 @@ private:
 
   MatrixXd Z_;
   MatrixXcd M_;
+  std::size_t rank_;
   std::vector<Complex> circle_;
 };
 

@@ -78,7 +78,7 @@ LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values)
     const double deviation = values[i] - sum / nodes;
     return deviation * deviation;
   });
-  Spectrum spectrum{.mean = sum * sum, .power = nodes * squares, .along = {}};
+  Spectrum spectrum{.sum = sum, .power = nodes * squares, .along = {}};
   double not_last = 1.0, not_alternating = 1.0;  // shares of the waves that are so along no axis
   for (int a = 0; a < grid_.dimensions(); ++a) {
     const std::vector<double>& along = spectrum.along.emplace_back(powers_along(a, values));
@@ -123,12 +123,13 @@ std::vector<double> LatticeMeter::powers_along(int axis, std::span<const double>
   return powers;
 }
 
-/// S'' at the state whose fields have their root mean squares, in the middle of the domain.
+/// S'' at the state whose fields have their root mean squares, with the signs of their means, in the middle of the
+/// domain: exp(u) is another one at -u.
 Eigen::MatrixXd LatticeMeter::hessian_of(const std::vector<Spectrum>& spectra) const {
   std::vector<double> sizes;
   const auto nodes = static_cast<double>(grid_.size());
   for (const Spectrum& spectrum : spectra) {
-    sizes.push_back(std::sqrt(spectrum.mean + spectrum.power) / nodes);
+    sizes.push_back(std::copysign(std::sqrt(spectrum.sum * spectrum.sum + spectrum.power) / nodes, spectrum.sum));
   }
   return hessian_of_sizes(system_, grid_, sizes);
 }
@@ -144,7 +145,8 @@ void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra) const {
   for (int f = 0; f < system_.field_count(); ++f) {
     double size = 0.0;
     for (const int partner : mixed_fields(system_.turns(), f)) {
-      size += all[static_cast<std::size_t>(partner)].mean + all[static_cast<std::size_t>(partner)].power;
+      const Spectrum& one = all[static_cast<std::size_t>(partner)];
+      size += one.sum * one.sum + one.power;
     }
     Spectrum& spectrum = spectra[static_cast<std::size_t>(f)];
     const double of_others = rounding_beside_others * largest * natural[static_cast<std::size_t>(f)];

@@ -35,8 +35,8 @@ public:
 private:
   /// The power of a field's waves.
   struct Spectrum {
-    double mean = 0.0;   ///< of the constant
-    double power = 0.0;  ///< of all others
+    double sum = 0.0;    ///< over the nodes
+    double power = 0.0;  ///< of all waves but the constant
     /// Of those in the last third along some axis, and of those that alternate along one. In more dimensions by the
     /// shares along each, as if these were independent.
     double last = 0.0, alternating = 0.0;

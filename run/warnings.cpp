@@ -21,6 +21,8 @@ constexpr double large_potential = 0.1;
 constexpr double most_roundings = 100.0;
 /// So many times the steps of the law without a potential are reported as a cost that need not be paid.
 constexpr double high_cost = 5.0;
+/// f' as a part of H(z_k) - H(z_0).
+constexpr double felt_potential = 1e-2;
 
 /// What there is to warn of at the end of a run.
 class RunWarnings {
@@ -73,7 +75,9 @@ private:
           "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
           statistics_.potential.largest(), part));
     }
-    if (const std::optional<double> cost = simulation().potential_cost(); cost && *cost >= high_cost) {
+    // One that was chosen for what lies beyond the run's end may be nothing up to there.
+    const bool is_felt = statistics_.potential.largest() > felt_potential * statistics_.node_energy.max();
+    if (const std::optional<double> cost = simulation().potential_cost(); is_felt && cost && *cost >= high_cost) {
       const bool takes_scale = problem_.hamiltonian() != nullptr && !problem_.hamiltonian()->fictitious_time;
       warnings_.push_back(fmt::format(
           "the step potential holds all steps near those where the motion is fastest: at the start it takes about "

@@ -134,7 +134,7 @@ private:
   StepReport report(Status status, double h);
   void take(StepReport& report);
   void take_ordinary(StepReport& report);
-  void set_energy(const StepReport& report);
+  void set_energy(const StepReport& report, double terms = 0.0);
   [[nodiscard]] double solved_to() const;
   [[nodiscard]] double allowed_miss(const StepReport& step) const;
   [[nodiscard]] double gamma_of(const StepReport& step) const;

@@ -98,6 +98,34 @@ TEST_CASE("a first step is found where a motion begins from rest") {
   CHECK(driven.checked == ExitStatus::done);
 }
 
+TEST_CASE("fields that are the same everywhere, and at rest, keep the law") {
+  for (const char* const scheme : {"box", "fourier", "splitting", "leapfrog"}) {
+    for (const char* const potential : {"auto", "none"}) {
+      for (const char* const amplitude : {"0", "0.1"}) {
+        INFO(scheme << ", " << potential << ", " << amplitude);
+        const Reported reported = run_of("uniform-from-rest", {fmt::format("scheme.lagrangian={}", scheme),
+                                                               fmt::format("parameters.a={}", amplitude),
+                                                               fmt::format("scheme.step_potential={}", potential)});
+        CHECK(reported.outcome.status == ExitStatus::done);
+        CHECK(reported.checked == ExitStatus::done);
+        CHECK(reported.t.size() > 50);
+        if (std::string_view(scheme) == "box" || std::string_view(scheme) == "fourier") {
+          // The potential is nothing up to the end of the run, and Γ falls from 40 to 15, so that steps grow.
+          CHECK(reported.is_quiet());
+          CHECK(reported.t.back() - reported.t[reported.t.size() - 2] > 1.1 * (reported.t[1] - reported.t[0]));
+        }
+        if (std::string_view(potential) == "auto") {
+          CHECK(reported.flagged() == 0);
+        }
+      }
+    }
+  }
+  // The twin: equal steps are off.
+  const Reported equal = run_of("uniform-from-rest", {"scheme.levels=fixed"});
+  const auto [least, most] = std::ranges::minmax(equal.energy);
+  CHECK(most - least > 1e-4);
+}
+
 TEST_CASE("where the energy does not depend on the step the run is quiet, and the discrete energy is H") {
   struct Case {
     const char* name;

@@ -34,6 +34,13 @@ TEST_CASE("in natural sizes the largest weight of each field is 1, whatever the 
   CHECK(largest_of_rows(unit.asDiagonal() * weights * unit.asDiagonal(), other)[1] == Approx(1.0).epsilon(1e-9));
   const std::array z = {0.1, 20.0, -0.3}, z_other = {0.1, 20e-8, -0.3};
   CHECK(largest_in(other, z_other) / largest_in(sizes, z) == Approx(1.0).epsilon(1e-6));
+  // A weight that is nothing beside the others, as exp(u) far below 0, does not stretch sizes apart.
+  for (const double nothing : {0.0, 1e-20, 1e-217}) {
+    weights << nothing, 0.0, 0.2, 0.0, 1.0, 0.0, 0.2, 0.0, 1.0;
+    const std::vector<double> D = natural_sizes(weights);
+    CHECK(D[0] == Approx(5.0).epsilon(1e-6));
+    CHECK(D[2] == Approx(1.0).epsilon(1e-6));
+  }
   // A field that nothing is coupled with keeps its numbers.
   CHECK(natural_sizes(Eigen::MatrixXd::Zero(2, 2)) == std::vector{1.0, 1.0});
 }
@@ -55,6 +62,23 @@ TEST_CASE("the floor of an energy is raised where all its terms are products wit
   CHECK(rounding_of(1.0, 1e-13) < 1e-8);
   CHECK(rounding_of(1.0, 1e-6) == 0.0);    // the twin: terms that are small, but no rounding errors
   CHECK(rounding_of(1e-6, 1e-13) == 0.0);  // and those of a small wave
+}
+
+TEST_CASE("the floor of an energy reads S'' on the side on which the field is") {
+  const grids::Grid line({{"x", 0, 2.0 * std::numbers::pi, 45}});
+  const MultisymplecticSystem system =
+      make_system({"u", "v", "w"}, {{"u", "v", -1}}, {{{"u", "w", 1}}}, "(v^2 - w^2)/2 + exp(u)");
+  const auto rounding_at = [&](double u) {
+    grids::FieldSet fields(3, line.size());
+    for (std::size_t i = 0; i < line.size(); ++i) {
+      fields.field(0)[i] = u + 0.1 * std::sin(line.spacing(0) * static_cast<double>(i));
+    }
+    formula::SumSize found{.rounding = 0.0, .magnitudes = 1.0};
+    EnergyFloor(system, line).raise(found, std::as_const(fields).pointers());
+    return found.rounding;
+  };
+  CHECK(rounding_at(-110.0) == 0.0);
+  CHECK(rounding_at(110.0) > 0.0);  // the twin: terms of 1 are nothing beside exp(110)
 }
 
 TEST_CASE("a field that is 0 gets the rounding errors of the others") {

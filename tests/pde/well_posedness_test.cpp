@@ -121,6 +121,22 @@ TEST_CASE("the finite roots of a pencil are those of its polynomial") {
   }
 }
 
+TEST_CASE("a coefficient that is a rounding error adds no root to a pencil") {
+  // Camassa-Holm about u_0 as it is derived from the equation: one root, σ = -ik (3u_0 + u_0 k²)/(1 + k²).
+  const auto system = make_system({"u", "p", "m", "q", "n"}, {{"u", "p", -0.5}, {"u", "q", 0.5}},
+                                  {{{"u", "n", -1}, {"p", "m", -1}}}, "u*m + q*n + 0.5*u^3 + 0.5*u*q^2");
+  for (const double u : {0.3, 1.0, 1.02}) {
+    for (const double k : {0.15707963267948966, 0.5, 3.0}) {
+      INFO("u = " << u << ", k = " << k);
+      Eigen::MatrixXcd B = system.hessian(std::vector<double>{u, 0.0, 0.0, 0.0, 0.0}).cast<std::complex<double>>();
+      B -= std::complex<double>(0, k) * system.K(0).cast<std::complex<double>>();
+      const auto roots = finite_roots(system.M(), system.structure().kernel, B);
+      REQUIRE(roots.size() == 1);
+      CHECK(std::abs(roots.front()) == Approx(k * u * (3.0 + k * k) / (1.0 + k * k)).epsilon(1e-9));
+    }
+  }
+}
+
 TEST_CASE("a lattice says so") {
   const auto system = make_system({"u", "v", "w"}, {{"u", "v", -1}}, {{{"u", "w", 1}}}, "(v^2 + w^2)/2");
   const grids::Grid grid({{"x", 0, 2 * pi, 33}});
