@@ -182,7 +182,7 @@ StepReport TimeLevels::first_step() {
       result.status = Status::ill_conditioned;
       return result;
     }
-    set_energy(result, std::abs(result.energy - result.potential - here.energy));
+    set_energy(result, least_terms * std::abs(result.energy - result.potential - here.energy));
     result.target = energy_;
     direction_ = sign(potential_.strength);
     take_ordinary(result);
@@ -203,7 +203,7 @@ StepReport TimeLevels::first_step() {
     return flagged(result);
   }
   singular_ = false;
-  set_energy(result, std::abs(result.energy - result.potential - here.energy));
+  set_energy(result, least_terms * std::abs(result.energy - result.potential - here.energy));
   result.target = scheme_.energy_target().value_or(energy_);
   direction_ = sign(result.slope * result.h);
   const double s = scheme_.order();
@@ -320,8 +320,8 @@ StepReport TimeLevels::flagged(StepReport result) {
   return result;
 }
 
-/// E of the run is that of this step. \param terms of E at the least: what the step adds to H, where all is the same
-/// everywhere and nothing moves at the start, so that the terms are 0 there
+/// E of the run is that of this step. \param terms of E at the least, by what the step adds to H: where all is the same
+/// everywhere and nothing moves at the start, the terms are 0 there
 void TimeLevels::set_energy(const StepReport& result, double terms) {
   energy_ = result.energy;
   energy_scale_ = std::max(energy_scale_, terms);

@@ -36,6 +36,8 @@ inline constexpr double longest_continuation = 3.0;
 inline constexpr double margin = 0.1;
 /// What a step may be off E by however large its terms have become, beside those that E was set with.
 inline constexpr double largest_miss_of_terms = 1e-3;
+/// The terms of E are at least this part of what the first step adds to H.
+inline constexpr double least_terms = 1e-2;
 /// Steps for which the size of the energy's terms serves, with fixed levels; and of a large state (small_state), whose
 /// bound of rounding takes as long as some steps. With variable levels a sixteenth: 1 and 6.
 inline constexpr std::size_t size_period = 16, large_size_period = 96;

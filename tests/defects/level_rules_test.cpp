@@ -101,7 +101,7 @@ TEST_CASE("a first step is found where a motion begins from rest") {
 TEST_CASE("fields that are the same everywhere, and at rest, keep the law") {
   for (const char* const scheme : {"box", "fourier", "splitting", "leapfrog"}) {
     for (const char* const potential : {"auto", "none"}) {
-      for (const char* const amplitude : {"0", "0.1"}) {
+      for (const char* const amplitude : {"0", "1e-9", "0.1"}) {
         INFO(scheme << ", " << potential << ", " << amplitude);
         const Reported reported = run_of("uniform-from-rest", {fmt::format("scheme.lagrangian={}", scheme),
                                                                fmt::format("parameters.a={}", amplitude),
