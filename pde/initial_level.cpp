@@ -245,14 +245,7 @@ public:
 private:
   /// True if rounding errors explain what is left of the constraints.
   [[nodiscard]] bool is_rounding(const LatticeLevel& level) {
-    RowRounding::Values values;
-    for (int f = 0; f < system_.field_count(); ++f) {
-      const auto i = static_cast<std::size_t>(f);
-      values.point[i] = grids::max_abs(level.fields.field(f));
-      values.slope[i] = largest_slope(level.slopes, i, grid_);
-    }
-    row_rounding_.measure_gradient(level.fields, values);
-    const RowRounding::Sizes bounds = row_rounding_(values, 0.0, hessian_);
+    const RowRounding::Sizes bounds = row_rounding_.of_constraints(level, grid_, hessian_);
     for (int u = 0; u < size_; ++u) {
       double bound = 0.0;
       for (int row = 0; row < system_.field_count(); ++row) {

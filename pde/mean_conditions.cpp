@@ -249,15 +249,7 @@ public:
     grids::FieldSet hessian(static_cast<int>(system.varying_hessian().size()), grid.size());
     CellSweep(system, grid, Collocation::nodes)(level.fields.pointers(), level.slopes, {}, 0.0, residual_.pointers(),
                                                 hessian.pointers());
-    RowRounding rounding(system, grid);
-    RowRounding::Values values;
-    for (int f = 0; f < system.field_count(); ++f) {
-      const auto i = static_cast<std::size_t>(f);
-      values.point[i] = grids::max_abs(level.fields.field(f));
-      values.slope[i] = largest_slope(level.slopes, i, grid);
-    }
-    rounding.measure_gradient(level.fields, values);
-    const RowRounding::Sizes bounds = rounding(values, 0.0, hessian);
+    const RowRounding::Sizes bounds = RowRounding(system, grid).of_constraints(level, grid, hessian);
     std::copy_n(bounds.begin(), rounding_.size(), rounding_.begin());
   }
 

@@ -7,6 +7,7 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/natural_sizes.hpp>
+#include <rubato/pde/shared_slopes.hpp>
 
 namespace rubato {
 
@@ -46,6 +47,17 @@ void RowRounding::measure_gradient(const grids::FieldSet& point, Values& values)
   std::array<double, 1 + MultisymplecticSystem::most_fields> largest{};  // of S, too
   gradient_(point.size(), places_.after(point.pointers(), inputs_), std::span(largest).first(1 + fields_));
   std::copy_n(largest.begin() + 1, fields_, values.gradient.begin());
+}
+
+RowRounding::Sizes RowRounding::of_constraints(const LatticeLevel& level, const grids::Grid& grid,
+                                               const grids::FieldSet& hessian) {
+  Values values;
+  for (std::size_t i = 0; i < fields_; ++i) {
+    values.point[i] = grids::max_abs(level.fields.field(static_cast<int>(i)));
+    values.slope[i] = largest_slope(level.slopes, i, grid);
+  }
+  measure_gradient(level.fields, values);
+  return (*this)(values, 0.0, hessian);
 }
 
 RowRounding::Sizes RowRounding::operator()(const Values& values, double inverse_h,

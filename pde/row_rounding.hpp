@@ -11,6 +11,7 @@
 #include <rubato/formula/rounding.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 
@@ -60,6 +61,9 @@ public:
 
   /// The b_i. `hessian` holds the varying entries of S''; `inverse_h` is 0 for the constraints of a level.
   [[nodiscard]] Sizes operator()(const Values& values, double inverse_h, const grids::FieldSet& hessian) const;
+  /// Those of the constraints of a level, with g measured there. Collective.
+  [[nodiscard]] Sizes of_constraints(const LatticeLevel& level, const grids::Grid& grid,
+                                     const grids::FieldSet& hessian);
 
 private:
   std::size_t fields_;
