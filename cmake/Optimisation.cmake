@@ -23,11 +23,15 @@ set(rubato_sources_once
   variation/action_quadrature.cpp variation/composition.cpp variation/first_step.cpp
   variation/formula_action.cpp variation/lattice_action.cpp variation/run_span.cpp
   variation/total_variation.cpp
-  ode/darboux.cpp ode/discrete_lagrangian.cpp ode/first_step.cpp ode/flow_map.cpp
+  ode/boundary_value.cpp ode/continuation.cpp ode/darboux.cpp ode/discrete_lagrangian.cpp ode/end_conditions.cpp ode/first_step.cpp ode/flow_map.cpp
   ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/splitting_formula.cpp ode/tangent.cpp ode/taylor_code.cpp
+  pde/action_consistency.cpp pde/action_kernel.cpp pde/action_rows.cpp pde/antiderivative.cpp pde/dispersion.cpp
   pde/field_structure.cpp pde/first_step.cpp pde/initial_agreement.cpp pde/initial_level.cpp pde/initial_sawtooths.cpp
+  pde/inverse_problem.cpp pde/jet_polynomial.cpp
   pde/kernel_conditions.cpp pde/lattice.cpp pde/lattice_actions.cpp pde/lattice_between.cpp pde/lattice_method.cpp
-  pde/law_tables.cpp pde/local_laws.cpp pde/mean_conditions.cpp pde/multisymplectic_system.cpp pde/periodicity.cpp pde/potential_rest.cpp
+  pde/law_tables.cpp pde/linear_symmetries.cpp pde/local_laws.cpp pde/mean_conditions.cpp pde/mirror_signs.cpp
+  pde/multisymplectic_form.cpp pde/multisymplectic_system.cpp pde/natural_sizes.cpp pde/periodicity.cpp
+  pde/point_symmetries.cpp pde/potential_rest.cpp pde/random_points.cpp pde/stated_action.cpp pde/wall_data.cpp
   pde/well_posedness.cpp pde/schemes/box.cpp pde/schemes/euler_box.cpp pde/schemes/fourier.cpp
   pde/schemes/leapfrog.cpp pde/schemes/splitting.cpp)
 set(rubato_sources_steps

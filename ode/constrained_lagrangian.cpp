@@ -8,7 +8,7 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include <rubato/base/larger.hpp>
 #include <rubato/base/limits.hpp>
@@ -16,6 +16,7 @@
 #include <rubato/ode/polynomial_scheme.hpp>
 #include <rubato/ode/tuning.hpp>
 #include <rubato/solve/dense_solver.hpp>
+#include <rubato/solve/small_matrices.hpp>
 #include <rubato/variation/tuning.hpp>
 
 namespace rubato {
@@ -298,7 +299,7 @@ void check_velocities(const Lagrangian& lagrangian, std::span<const double> q, s
     return;
   }
   for (int pass = 0; pass < 2; ++pass) {
-    velocity -= at.G().transpose() * (at.G() * at.G().transpose()).colPivHouseholderQr().solve(at.G() * velocity);
+    velocity -= solve::least_squares(at.G(), at.G() * velocity);
   }
   refuse_start_off_hidden(lagrangian.constraints(), rates, listed(lagrangian.velocity_names(), velocity));
 }

@@ -9,11 +9,12 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include <rubato/base/larger.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/tuning.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -162,11 +163,14 @@ std::string ConstraintEvaluator::dependent() const {
     }
     scaled.col(i) /= size;
   }
-  Eigen::ColPivHouseholderQR<MatrixXd> factors(scaled);
-  factors.setThreshold(least_independence);
-  return factors.rank() == scaled.cols()
-             ? std::string()
-             : constraints_.names()[static_cast<std::size_t>(factors.colsPermutation().indices()[scaled.cols() - 1])];
+  for (Index i = 1; i < scaled.cols(); ++i) {
+    const MatrixXd before = scaled.leftCols(i);
+    if ((solve::product(before, solve::least_squares(before, scaled.col(i))) - scaled.col(i)).norm() <
+        least_independence) {
+      return constraints_.names()[static_cast<std::size_t>(i)];
+    }
+  }
+  return {};
 }
 
 std::string listed(std::span<const std::string> names, const VectorXd& values) {
@@ -203,7 +207,7 @@ void check_constraints(const Constraints& constraints, std::span<const std::stri
       remedy = fmt::format("start from {}, which is near", listed(q_names, point));
       break;
     }
-    point -= at.G().transpose() * (at.G() * at.G().transpose()).colPivHouseholderQr().solve(at.g());
+    point -= solve::least_squares(at.G(), at.g());
     at.evaluate(point.data());
   }
   throw std::invalid_argument(fmt::format("the start does not satisfy the constraints: {}; {}", values, remedy));

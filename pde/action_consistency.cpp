@@ -7,10 +7,11 @@
 #include <span>
 #include <utility>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/pde/action_rows.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -179,7 +180,7 @@ private:
           misses(i) = forced(group.rows[static_cast<std::size_t>(i)], point) - moving(i);
         }
         const Eigen::MatrixXd slopes = system_.hessian(point)(group.rows, group.fields);
-        const Eigen::VectorXd change = slopes.fullPivLu().solve(misses);
+        const Eigen::VectorXd change = solve::least_squares(slopes, misses);
         values -= change;
         if (!values.allFinite()) {
           break;

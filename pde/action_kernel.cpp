@@ -11,7 +11,9 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <Eigen/SVD>
+#include <Eigen/Core>
+
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -137,12 +139,8 @@ private:
 
 /// An orthonormal basis, of scaled vectors.
 MatrixXcd kernel_of(const MatrixXcd& matrix) {
-  const Eigen::JacobiSVD<MatrixXcd> svd(matrix, Eigen::ComputeFullV);
-  Index zero = 0;
-  for (Index i = 0; i < svd.singularValues().size(); ++i) {
-    zero += svd.singularValues()(i) < threshold ? 1 : 0;
-  }
-  return svd.matrixV().rightCols(zero);
+  const auto [values, vectors, images] = solve::singular_values(matrix);
+  return vectors.rightCols((values.array() < threshold).count());
 }
 
 /// Fields to be held, one for each vector of a real basis: bare potentials before those of the slab, these before
@@ -181,8 +179,7 @@ std::vector<int> pins_of(const ActionRows& rows, const ActionEquations& equation
 MatrixXd real_basis(const MatrixXcd& basis) {
   MatrixXd both(basis.rows(), 2 * basis.cols());
   both << basis.real(), basis.imag();
-  const Eigen::JacobiSVD<MatrixXd> svd(both, Eigen::ComputeFullU);
-  return svd.matrixU().leftCols(basis.cols());
+  return solve::singular_values(MatrixXd(both.transpose())).vectors.leftCols(basis.cols());
 }
 
 std::string fields_of(const ActionRows& rows, const ActionEquations& equations, const MatrixXcd& basis) {

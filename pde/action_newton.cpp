@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/SparseLU>
+#include <Eigen/SparseCore>
 
 #include <rubato/base/limits.hpp>
 #include <rubato/grids/arrays.hpp>
@@ -18,6 +18,7 @@
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
+#include <rubato/solve/sparse_factors.hpp>
 
 namespace rubato {
 
@@ -32,7 +33,7 @@ using grids::FieldSet;
 /// turns them into much more is met by GMRES; up to the second a correction that no longer falls is rounding.
 constexpr double few_roundings = 2.0, many_roundings = 64.0;
 
-using Sparse = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+using Sparse = Eigen::SparseMatrix<double>;
 
 bool depends_on_state(const ActionRows& rows, Expression formula) {
   if (!rows.upper_inputs(formula).empty()) {
@@ -143,22 +144,13 @@ struct ActionNewton::Storage {
         matrix.valuePtr()[places[e * n + i]] += from[i];
       }
     }
-    for (Eigen::Index k = 0; k < matrix.nonZeros(); ++k) {
-      if (!std::isfinite(matrix.valuePtr()[k])) {
-        return false;
-      }
-    }
     for (std::size_t e = 0; e < entries.size(); ++e) {
       largest_entries[e] = grids::max_abs(std::as_const(values).field(static_cast<int>(e)));
     }
     if (iterative) {
       is_factored = factor_means();
     } else {
-      if (!std::exchange(is_analysed, true)) {
-        lu.analyzePattern(matrix);
-      }
-      lu.factorize(matrix);
-      is_factored = lu.info() == Eigen::Success;
+      is_factored = factors.factor(matrix, std::exchange(is_analysed, true)) == Status::success;
     }
     factored_h = h;
     return is_factored;
@@ -211,7 +203,7 @@ struct ActionNewton::Storage {
       right(static_cast<Eigen::Index>(fields.size() * n + b)) = -moved;
     }
     if (!iterative) {
-      solution = lu.solve(right);
+      solution = factors.solve(right);
       return solution.allFinite();
     }
     solution = VectorXd::Zero(size);
@@ -279,7 +271,7 @@ struct ActionNewton::Storage {
   std::vector<double> largest_entries;
   std::vector<int> places;  ///< of each entry at each node in the matrix
   VectorXd right, solution;
-  Eigen::SparseLU<Sparse, Eigen::COLAMDOrdering<int>> lu;
+  solve::SparseFactors factors;
   /// In more than one dimension, where factors fill up. The pseudo-inverse of the means leaves held modes alone.
   struct Iterative {
     Iterative(const grids::Grid& of, int count)

@@ -13,7 +13,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <Eigen/SVD>
+#include <Eigen/Core>
 
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/sum.hpp>
@@ -22,6 +22,7 @@
 #include <rubato/pde/jet_polynomial.hpp>
 #include <rubato/pde/polynomials.hpp>
 #include <rubato/pde/random_points.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -236,11 +237,10 @@ private:
       matrix.row(static_cast<Eigen::Index>(i)) = equations[i].transpose();
     }
     constexpr double rounding = 1e-12;
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(matrix, Eigen::ComputeFullV);
-    const Eigen::Index kernel = (svd.singularValues().array() <= rounding * size).count();
+    const auto [values, vectors, images] = solve::singular_values(matrix);
+    const Eigen::Index kernel = (values.array() <= rounding * size).count();
     // Equations that share nothing have a factor each; the first row of each is taken as it is.
-    const Eigen::MatrixXd basis =
-        kernel > 0 ? column_echelon(svd.matrixV().rightCols(kernel)) : svd.matrixV().rightCols(1);
+    const Eigen::MatrixXd basis = kernel > 0 ? column_echelon(vectors.rightCols(kernel)) : vectors.rightCols(1);
     Eigen::VectorXd factors = basis.rowwise().sum();
     factors /= factors(0) != 0.0 ? factors(0) : 1.0;
     factors = factors.unaryExpr(&nearest_twelfth);

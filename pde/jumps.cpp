@@ -8,7 +8,7 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/reductions.hpp>
@@ -94,7 +94,7 @@ void Jumps::find_mean(const MultisymplecticSystem& laboratory) {
   }
   const Eigen::MatrixXd H = laboratory.constant_hessian()(fields, fields);
   const Eigen::VectorXd right = linear_(fields);
-  const Eigen::VectorXd mean = H.completeOrthogonalDecomposition().solve(right);
+  const Eigen::VectorXd mean = solve::least_squares(H, right);
   if (!((H.lazyProduct(mean) - right).norm() <= 1e-12 * right.norm())) {
     return;
   }

@@ -1,9 +1,10 @@
 #include <rubato/pde/linear_symmetries.hpp>
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include <rubato/pde/field_structure.hpp>
 #include <rubato/pde/random_points.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -49,9 +50,7 @@ MatrixXd without(MatrixXd columns, const std::vector<MatrixXd>& known) {
   for (std::size_t i = 0; i < known.size(); ++i) {
     given.col(static_cast<Index>(i)) = flat(known[i]);
   }
-  const Eigen::ColPivHouseholderQR<MatrixXd> factors(given);
-  const MatrixXd Q = MatrixXd(factors.householderQ()).leftCols(factors.rank());
-  return columns - Q * (Q.transpose() * columns);
+  return columns - solve::product(given, solve::least_squares(given, columns));
 }
 
 }  // namespace
@@ -105,7 +104,7 @@ std::optional<MatrixXd> LinearSymmetries::phase(int p, int q) const {
   if (basis_.cols() == 0) {
     return std::nullopt;
   }
-  const VectorXd weights = rows.completeOrthogonalDecomposition().solve(wanted);
+  const VectorXd weights = solve::least_squares(rows, wanted);
   if ((rows * weights - wanted).norm() > no_rounding) {
     return std::nullopt;
   }

@@ -4,7 +4,7 @@
 #include <complex>
 #include <utility>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/slab.hpp>
@@ -19,7 +19,7 @@ MultisymplecticSystem MovingFrame::seen(const MultisymplecticSystem& laboratory)
   }
   formula::Expression S = laboratory.expression();
   if (rate != 0.0) {
-    const Eigen::MatrixXd MB = laboratory.M() * B;
+    const Eigen::MatrixXd MB = solve::product(laboratory.M(), B);
     for (Eigen::Index i = 0; i < MB.rows(); ++i) {
       for (Eigen::Index j = 0; j < MB.cols(); ++j) {
         if (MB(i, j) != 0.0) {
@@ -120,11 +120,10 @@ void fit_frame(const MultisymplecticSystem& system, const grids::Grid& grid, con
     const Eigen::VectorXd rate = (Eigen::Map<const Eigen::VectorXd>(after.fields.field(f).data(), n) -
                                   Eigen::Map<const Eigen::VectorXd>(before.fields.field(f).data(), n)) /
                                  h;
-    normal += A.transpose() * A;
+    normal += solve::product(A.transpose(), A);
     right += A.transpose() * (rate - A * known);
   }
-  const Eigen::VectorXd solution =
-      Eigen::MatrixXd(normal(fitted, fitted)).completeOrthogonalDecomposition().solve(Eigen::VectorXd(right(fitted)));
+  const Eigen::VectorXd solution = solve::least_squares(normal(fitted, fitted), right(fitted));
   for (std::size_t i = 0; i < fitted.size(); ++i) {
     const double value = solution(static_cast<Eigen::Index>(i));
     (fitted[i] == directions ? frame.rate : frame.velocity[static_cast<std::size_t>(fitted[i])]) = value;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -9,11 +10,12 @@
 #include <stdexcept>
 #include <utility>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 
 #include <fmt/format.h>
 
 #include <rubato/pde/polynomials.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -245,7 +247,8 @@ private:
     if (used.empty()) {
       return;
     }
-    if (Eigen::FullPivLU<Eigen::MatrixXd>(A(used, used)).isInvertible()) {
+    const double rounding = std::numeric_limits<double>::epsilon() * static_cast<double>(used.size());
+    if (solve::quotient(A(used, used), A(used, used), rounding)) {
       return;
     }
     std::ranges::copy_if(used, std::inserter(promoted, promoted.end()),

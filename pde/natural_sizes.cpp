@@ -5,10 +5,11 @@
 #include <cstddef>
 #include <numbers>
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -29,7 +30,7 @@ Eigen::VectorXd logarithms(const Eigen::MatrixXd& weights) {
       }
     }
   }
-  return rows.completeOrthogonalDecomposition().solve(values);
+  return solve::least_squares(rows, values);
 }
 
 /// Divided by what the rows are off by, again and again. An iteration halves the logarithms of that.

@@ -291,8 +291,7 @@ Status PeriodicLattice::compose() {
   MatrixXd levels = MatrixXd::Identity(m, m + 1);  // x_k by x_0 and T
   Eigen::RowVectorXd energy = Eigen::RowVectorXd::Zero(m + 1);
   for (Step& step : steps_) {
-    step.factors.compute(step.after);
-    if (step.factors.info() != Eigen::Success) {
+    if (step.factors.factor(step.after) != Status::success) {
       return Status::ill_conditioned;
     }
     MatrixXd right = step.before * levels;

@@ -6,12 +6,12 @@
 #include <vector>
 
 #include <Eigen/SparseCore>
-#include <Eigen/SparseLU>
 
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/solve/damped_least_squares.hpp>
 #include <rubato/solve/damped_newton.hpp>
+#include <rubato/solve/sparse_factors.hpp>
 
 namespace rubato {
 
@@ -71,7 +71,7 @@ private:
   struct Step {
     Sparse before, after;
     Eigen::VectorXd by_period, energy_before, energy_after;
-    Eigen::SparseLU<Sparse> factors;  ///< of `after`
+    solve::SparseFactors factors;  ///< of `after`
   };
   struct Entry {
     Eigen::Index node;

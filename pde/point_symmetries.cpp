@@ -2,11 +2,12 @@
 
 #include <algorithm>
 
-#include <Eigen/QR>
+#include <Eigen/Core>
 
 #include <rubato/pde/field_structure.hpp>
 #include <rubato/pde/linear_symmetries.hpp>
 #include <rubato/pde/random_points.hpp>
+#include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
@@ -98,12 +99,12 @@ public:
       matrix.row(static_cast<Index>(i)) = rows_[i].transpose();
       right(static_cast<Index>(i)) = right_[i];
     }
-    VectorXd x = matrix.colPivHouseholderQr().solve(right);
+    VectorXd x = solve::least_squares(matrix, right);
     // Less what else transforms solutions, such as the phase of psi, so that of δz as little as can be is left.
     if (const MatrixXd others = null_space(matrix); others.cols() > 0) {
       MatrixXd of_delta = others;
       of_delta.middleRows(d_ * d_, d_ * d_).setZero();  // R is free
-      x -= others * of_delta.completeOrthogonalDecomposition().solve(x);
+      x -= others * solve::least_squares(of_delta, x);
     }
     if (!((matrix * x - right).norm() <= of_symmetries * right.norm())) {
       return std::nullopt;

@@ -6,7 +6,9 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <Eigen/Eigenvalues>
+#include <Eigen/Core>
+
+#include <rubato/solve/spectrum.hpp>
 
 namespace rubato {
 
@@ -20,7 +22,7 @@ constexpr double same_frequency = 1e-7;
 
 /// The distinct |Im λ| of G, ascending, 0 among them where it is one.
 std::vector<double> all_frequencies(const MatrixXd& G) {
-  const Eigen::VectorXcd values = Eigen::EigenSolver<MatrixXd>(G, false).eigenvalues();
+  const Eigen::VectorXcd values = solve::eigenvectors(G).values;
   const double largest = values.cwiseAbs().maxCoeff();
   std::vector<double> sizes;
   for (const std::complex<double> value : values) {

@@ -405,18 +405,28 @@ struct Elimination {
   }
 };
 
+/// The fewest lanes for which block sizes have code of their own: two are what processors before AVX2 have.
+#if defined(__x86_64__)
+constexpr int fewest_with_sizes = 4;
+#else
+constexpr int fewest_with_sizes = 2;
+#endif
+
 /// use(Elimination<lanes, d>): the common block sizes have code of their own, with loops unrolled.
 template <class Use>
 void with_elimination(int lanes, const System& system, std::size_t first, double* workspace, const Use& use) {
   in_vectors(lanes, [&]<int fixed>(std::integral_constant<int, fixed>) {
-    switch (system.shape.d) {
-      case 2: return use(Elimination<fixed, 2>(system, first, workspace));
-      case 3: return use(Elimination<fixed, 3>(system, first, workspace));
-      case 4: return use(Elimination<fixed, 4>(system, first, workspace));
-      case 5: return use(Elimination<fixed, 5>(system, first, workspace));
-      case 6: return use(Elimination<fixed, 6>(system, first, workspace));
-      default: return use(Elimination<fixed, 0>(system, first, workspace));
+    if constexpr (fixed >= fewest_with_sizes) {
+      switch (system.shape.d) {
+        case 2: return use(Elimination<fixed, 2>(system, first, workspace));
+        case 3: return use(Elimination<fixed, 3>(system, first, workspace));
+        case 4: return use(Elimination<fixed, 4>(system, first, workspace));
+        case 5: return use(Elimination<fixed, 5>(system, first, workspace));
+        case 6: return use(Elimination<fixed, 6>(system, first, workspace));
+        default: break;
+      }
     }
+    return use(Elimination<fixed, 0>(system, first, workspace));
   });
 }
 

@@ -3,9 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/SparseLU>
-
 #include <rubato/base/all_finite.hpp>
+#include <rubato/solve/sparse_factors.hpp>
 
 namespace rubato::solve {
 namespace {
@@ -73,10 +72,9 @@ Status solve_cyclic_by_sparse_lu(const CyclicBidiagonal& a, const CyclicBorder& 
   }
   Eigen::SparseMatrix<double> matrix(n, n);
   matrix.setFromTriplets(triplets.begin(), triplets.end());
-  Eigen::SparseLU<Eigen::SparseMatrix<double>, Eigen::COLAMDOrdering<int>> lu;
-  lu.compute(matrix);
-  if (lu.info() != Eigen::Success) {
-    return Status::singular;
+  SparseFactors factors;
+  if (const Status status = factors.factor(matrix); status != Status::success) {
+    return status;
   }
   const auto columns = static_cast<int>(rhs.size()) / d;
   Eigen::MatrixXd b(n, columns);
@@ -88,7 +86,7 @@ Status solve_cyclic_by_sparse_lu(const CyclicBidiagonal& a, const CyclicBorder& 
       b(cells * d + j, c) = border_rhs[c * k + j];
     }
   }
-  const Eigen::MatrixXd x = lu.solve(b);
+  const Eigen::MatrixXd x = factors.solve(b);
   for (int c = 0; c < columns; ++c) {
     for (int j = 0; j < cells * d; ++j) {
       solution[c * d + j % d][j / d] = x(j, c);

@@ -1,11 +1,9 @@
 #include <rubato/solve/damped_least_squares.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <vector>
 
 #include <Eigen/SparseCholesky>
-#include <Eigen/SparseLU>
 
 namespace rubato::solve {
 
@@ -13,23 +11,12 @@ using Eigen::Index;
 using Eigen::SparseMatrix;
 using Eigen::VectorXd;
 
-struct DampedLeastSquares::Factors {
-  Eigen::SparseLU<SparseMatrix<double>> lu;
-  SparseMatrix<double> matrix;
-};
-
-DampedLeastSquares::DampedLeastSquares() : factors_(std::make_unique<Factors>()) {}
-DampedLeastSquares::~DampedLeastSquares() = default;
-
 Status DampedLeastSquares::factor(const SparseMatrix<double>& J, double damping) {
   const Index rows = J.rows(), columns = J.cols();
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(static_cast<std::size_t>(2 * J.nonZeros() + rows + columns));
   for (Index column = 0; column < columns; ++column) {
     for (SparseMatrix<double>::InnerIterator entry(J, column); entry; ++entry) {
-      if (!std::isfinite(entry.value())) {
-        return Status::undefined;
-      }
       entries.emplace_back(entry.row(), rows + column, entry.value());
       entries.emplace_back(rows + column, entry.row(), entry.value());
     }
@@ -37,16 +24,16 @@ Status DampedLeastSquares::factor(const SparseMatrix<double>& J, double damping)
   for (Index i = 0; i < rows + columns; ++i) {
     entries.emplace_back(i, i, i < rows ? damping : -damping);
   }
-  factors_->matrix.resize(rows + columns, rows + columns);
-  factors_->matrix.setFromTriplets(entries.begin(), entries.end());
-  factors_->lu.compute(factors_->matrix);
-  return factors_->lu.info() == Eigen::Success ? Status::success : Status::ill_conditioned;
+  SparseMatrix<double> matrix(rows + columns, rows + columns);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  const Status status = factors_.factor(matrix);
+  return status == Status::singular ? Status::ill_conditioned : status;
 }
 
 Status DampedLeastSquares::solve(const VectorXd& r, VectorXd& x) {
-  VectorXd right = VectorXd::Zero(factors_->matrix.rows());
+  VectorXd right = VectorXd::Zero(factors_.size());
   right.head(r.size()) = -r;
-  const VectorXd both = factors_->lu.solve(right);
+  const VectorXd both = factors_.solve(right);
   x = both.tail(right.size() - r.size());
   return x.allFinite() ? Status::success : Status::ill_conditioned;
 }

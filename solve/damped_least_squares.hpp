@@ -1,12 +1,12 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
 #include <optional>
 
 #include <Eigen/SparseCore>
 
 #include <rubato/base/status.hpp>
+#include <rubato/solve/sparse_factors.hpp>
 
 namespace rubato::solve {
 
@@ -19,9 +19,6 @@ namespace rubato::solve {
 /// vector with the value σ comes out smaller by the factor σ²/(σ² + s²).
 class DampedLeastSquares {
 public:
-  DampedLeastSquares();
-  ~DampedLeastSquares();
-
   /// \param damping s > 0
   /// \return Status::ill_conditioned where the factorisation fails, undefined where an entry is not finite
   Status factor(const Eigen::SparseMatrix<double>& J, double damping);
@@ -29,8 +26,7 @@ public:
   Status solve(const Eigen::VectorXd& r, Eigen::VectorXd& x);
 
 private:
-  struct Factors;
-  std::unique_ptr<Factors> factors_;  ///< Eigen's, which are included once
+  SparseFactors factors_;
 };
 
 /// The number of eigenvalues of a sparse symmetric matrix below `shift`, by Sylvester's law of inertia from the signs

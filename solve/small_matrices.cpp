@@ -6,6 +6,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <Eigen/SVD>
 #include <unsupported/Eigen/MatrixFunctions>
 
@@ -55,6 +56,10 @@ std::optional<MatrixXd> quotient(const MatrixXd& A, const MatrixXd& B, double th
     return std::nullopt;
   }
   return lu.solve(B);
+}
+
+MatrixXd least_squares(const MatrixXd& A, const MatrixXd& B) {
+  return A.completeOrthogonalDecomposition().solve(B);
 }
 
 Inverse inverse_of(const MatrixXcd& A) {

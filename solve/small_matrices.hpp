@@ -36,6 +36,9 @@ struct Equilibration {
 [[nodiscard]] std::optional<Eigen::MatrixXd> quotient(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B,
                                                       double threshold = 0.0);
 
+/// Returns the X of least norm among those that make ‖AX - B‖ least, by complete orthogonal decomposition.
+[[nodiscard]] Eigen::MatrixXd least_squares(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
+
 /// The inverse, the determinant and the pivots of a square matrix, by LU factorisation with partial pivoting.
 struct Inverse {
   Eigen::MatrixXcd matrix;  ///< not finite where a pivot is 0

@@ -32,6 +32,7 @@
 #include <rubato/solve/fourier_preconditioner.hpp>
 #include <rubato/solve/gmres.hpp>
 #include <rubato/solve/small_matrices.hpp>
+#include <rubato/solve/sparse_factors.hpp>
 
 #include "equations.hpp"
 
@@ -107,6 +108,15 @@ std::unique_ptr<Subject> dense_solver(int n) {
         if (status == Status::success) {
           solver->solve(x.data());
         }
+        return status;
+      });
+}
+
+std::unique_ptr<Subject> sparse_factors() {
+  return of_matrix(
+      13, [solver = std::make_shared<solve::SparseFactors>()](const MatrixXd& A, const VectorXd& b, VectorXd& x) {
+        const Status status = solver->factor(A.sparseView());
+        x = status == Status::success ? VectorXd(solver->solve(b)) : b;
         return status;
       });
 }
@@ -447,6 +457,7 @@ const Member members[] = {
     {"FixedSolver", "solve/elimination.hpp", fixed_solver},
     {"quotient", "solve/small_matrices.hpp", small_quotient, true},
     {"inverse_of", "solve/small_matrices.hpp", small_inverse, true},
+    {"SparseFactors", "solve/sparse_factors.hpp", sparse_factors, true},
     {"Gmres", "solve/gmres.hpp", gmres},
     {"FourierPreconditioner", "solve/fourier_preconditioner.hpp",
      []() -> std::unique_ptr<Subject> { return std::make_unique<Waves>(); }},
