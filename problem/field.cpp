@@ -55,6 +55,26 @@ std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
   return fields;
 }
 
+/// What `psi` says where equations with i name psi, or psi1, psi2, …, and it is left out: p and q, or p1, q1, …
+std::optional<Entry> usual_parts(const std::vector<const Value*>& equations, const Location& place) {
+  if (std::ranges::none_of(equations,
+                           [](const Value* text) { return names_in(read_string(*text, "equation")).contains("i"); })) {
+    return std::nullopt;
+  }
+  const std::vector<std::string> fields = fields_in(equations);
+  const auto pair_of = [&](const std::string& number) {
+    return Value{Value::Array{{"p" + number, place}, {"q" + number, place}}, place};
+  };
+  Value::Array pairs;
+  if (std::ranges::find(fields, "psi") != fields.end()) {
+    return Entry{"psi", place, pair_of("")};
+  }
+  for (int i = 1; std::ranges::find(fields, fmt::format("psi{}", i)) != fields.end(); ++i) {
+    pairs.push_back(pair_of(std::to_string(i)));
+  }
+  return pairs.empty() ? std::nullopt : std::optional(Entry{"psi", place, Value{pairs, place}});
+}
+
 constexpr DerivativeOrder by_t = {1, 0, 0, 0};
 
 /// True if the terms of a sum cancel whatever their variables are, as those of the imaginary part of psi*conj(psi) do.
@@ -208,10 +228,14 @@ private:
     } else {
       texts.push_back(&value);
     }
-    const Entry* const psi = section_.take("psi");
+    const Entry* psi = section_.take("psi");
+    std::optional<Entry> usual;
     if (const Entry* fields = section_.take("fields")) {
       read_fields(fields->value);
     } else {
+      if (psi == nullptr && (usual = usual_parts(texts, value.location))) {
+        psi = &*usual;
+      }
       for (const std::string& name : fields_in(texts)) {
         if (psi == nullptr || (!is_complex_name(name, pairs_of_psi(*psi).size()) && !is_part(name, *psi))) {
           jets_.taken.declare(name, "a field", value.location);

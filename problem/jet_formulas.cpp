@@ -150,7 +150,7 @@ void JetFormulas::name_derivatives(const std::string& text, bool of_equation) {
     }
     if (word == "i" && psi.empty() && of_equation) {
       throw std::invalid_argument(
-          R"(i is the imaginary unit of a complex unknown: call that psi, and give psi = ["p", "q"])");
+          "i is the imaginary unit of a complex unknown, psi, and the equation has no derivative of that");
     }
     if (const auto found = derivative_named(word, density.fields)) {
       names_.insert(word);

@@ -367,9 +367,12 @@ class Lattice:
 
     def _parts_of(self, name: str):
         """The fields that are the parts of psi, psi1, psi2, ... or of its psi_t; None for other names."""
-        pairs = self.system._tables.get("field", {}).get("psi")
+        table = self.system._tables.get("field", {})
+        pairs = table.get("psi")
         if not pairs:
-            return None
+            usual = re.fullmatch(r"psi(\d*)(_t)?", name)
+            has_i = re.search(r"\bi\b", str(table.get("equation", "")))
+            return [part + name[3:] for part in "pq"] if usual and has_i else None
         pairs = {"psi": pairs} if isinstance(pairs[0], str) else {f"psi{i + 1}": pair for i, pair in enumerate(pairs)}
         of = name[:-2] if name.endswith("_t") else name
         return [part + name[len(of):] for part in pairs[of]] if of in pairs else None

@@ -226,7 +226,7 @@ class Fields(unittest.TestCase):
         np.testing.assert_allclose(results[2].u, results[0].u, atol=1e-10)
         turns = rb.Lattice(rb.Field(equation="u_tt = c^2*u_xx", c=2), {"x": ("-c*pi", "2*pi", 9)}, {"u": 0, "u_t": 1})
         np.testing.assert_allclose(turns.coordinates[0], -2 * np.pi + np.arange(9) * (4 * np.pi / 9), rtol=1e-14)
-        schroedinger = rb.Field(equation="i*psi_t + psi_xx/2 = 0", psi=["p", "q"])
+        schroedinger = rb.Field(equation="i*psi_t + psi_xx/2 = 0")
         parts = {"p": np.exp(-x ** 2) * np.cos(x), "q": np.exp(-x ** 2) * np.sin(x)}
         results = [rb.integrate(rb.Lattice(schroedinger, grid, start), (0, 0.5), step=0.1)
                    for start in (parts, {"psi": parts["p"] + 1j * parts["q"]},

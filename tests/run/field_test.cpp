@@ -150,7 +150,7 @@ TEST_CASE("an equation gives the waves of the M, K and S stated by hand") {
        {"scheme.until=2"},
        {}},
       {"nls",
-       "equation = \"i*psi_t + psi_xx + a*abs2(psi)*psi = 0\"\npsi = [\"p\", \"q\"]",
+       "equation = \"i*psi_t + psi_xx + a*abs2(psi)*psi = 0\"",
        "equation = \"i*psi_t + psi_xx + a*abs2(psi)*psi + psi/3 = 0\"\npsi = [\"p\", \"q\"]",
        {"p", "q"},
        {"scheme.until=1"},
@@ -177,7 +177,7 @@ TEST_CASE("the rest of the catalogue, each in one to three lines") {
                     zk = "equation = \"u_t + u*u_x + u_xxx + u_xyy = 0\"",
                     zk_twin = "equation = \"u_t + u*u_x + u_xxx = 0\"",
                     coupled =
-                        "psi = [[\"p1\", \"q1\"], [\"p2\", \"q2\"]]\nequation = [\"i*psi1_t + psi1_xx + (abs2(psi1) "
+                        "equation = [\"i*psi1_t + psi1_xx + (abs2(psi1) "
                         "+ beta*abs2(psi2))*psi1 = 0\", \"i*psi2_t + psi2_xx + (abs2(psi2) + beta*abs2(psi1))*psi2 = "
                         "0\"]",
                     coupled_twin =
@@ -228,7 +228,7 @@ TEST_CASE("the rest of the catalogue, each in one to three lines") {
       {"kdv-two-solitons", kdv, kdv_twin, {"u"}, {"scheme.until=0.0005"}, {}},
       {"kdv-zabusky-kruskal", kdv, kdv_twin, {"u"}, {"scheme.until=0.1"}, {}},
       {"nls-bound-state",
-       "psi = [\"p\", \"q\"]\nequation = \"i*psi_t + psi_xx + 2*k^2*abs2(psi)*psi = 0\"",
+       "equation = \"i*psi_t + psi_xx + 2*k^2*abs2(psi)*psi = 0\"",
        "psi = [\"p\", \"q\"]\nequation = \"i*psi_t + psi_xx + k^2*abs2(psi)*psi = 0\"",
        {"p", "q"},
        {"scheme.until=0.1"},
