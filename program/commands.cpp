@@ -203,8 +203,10 @@ rubato::ExitStatus converge(const ConvergeCommand& command) {
     const rubato::Storing storing(options.storing);  // its folder of records is removed by it, whatever ends it
     return rubato::converge(problem, command.tolerance, options);
   });
-  if (outcome.ended) {
-    print(command.reporting.json ? rubato::to_json(outcome) + "\n" : rubato::to_table(outcome));
+  if (command.reporting.json) {
+    print(rubato::to_json(outcome) + "\n");
+  } else if (outcome.ended) {
+    print(rubato::to_table(outcome));
   }
   for (const std::string& warning : outcome.findings.warnings("runs")) {
     print_warning(warning);

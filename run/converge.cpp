@@ -136,7 +136,9 @@ public:
                                                   : RunEnd::interrupted);
     if (!run.complete) {
       outcome.status = run.status;
-      outcome.message = fmt::format("with {}: {}", which, run.message);
+      // Its record goes with the folder, which the run's own message could not know.
+      outcome.message = run.status == ExitStatus::interrupted ? fmt::format("interrupted in the run with {}", which)
+                                                              : fmt::format("with {}: {}", which, run.message);
       return std::nullopt;
     }
     if (!potential_ && problem.scheme.potential.kind == StepPotentialChoice::Kind::automatic) {

@@ -595,6 +595,17 @@ case $case_name in
       run check long.h5 --json
       check "the record is whole" test "$(json steps)" -eq "$steps"
     done
+    TMPDIR=$folder "$rubato" converge pendulum --set scheme.until=1e7 --json >out 2>err &
+    process=$!
+    until compgen -G 'rubato-converge-*/run.h5' >/dev/null; do sleep 0.05; done
+    kill -INT "$process"
+    wait "$process"
+    status=$?
+    last="rubato converge, then SIGINT"
+    check "status 130" test "$status" -eq 130
+    check "JSON for status 130" grep -q '"status": *130' out
+    check "names the run" grep -q 'interrupted in the run with the whole of the step' err
+    check "names no record" test "$(grep -c resume err)" -eq 0
     ;;
   damage)
     # Every byte counts somewhere: whatever is read of a damaged record, the program ends with a status that means it.
