@@ -24,11 +24,9 @@ using Level = NodeVariation::Level;
 
 /// Into these fields, in their order.
 void evaluate_into(NodeCode& code, const std::vector<int>& fields, FieldSet& out) {
-  std::vector<double*> outputs;
-  for (const int f : fields) {
-    outputs.push_back(out.field(f).data());
-  }
-  code(outputs);
+  std::array<double*, MultisymplecticSystem::most_fields> outputs{};
+  const auto end = std::ranges::transform(fields, outputs.begin(), [&](int f) { return out.field(f).data(); }).out;
+  code(std::span(outputs.begin(), end));
 }
 
 Expression magnitude_sum(std::span<const Expression> terms) {

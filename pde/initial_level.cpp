@@ -176,13 +176,14 @@ public:
       }
     }
     solver_ = make_cell_solver(grid, collocation, size_, conditions_.count(), newton_tolerance);
+    mean_slopes_.resize(static_cast<std::size_t>(conditions_.count()) * lines_);
   }
 
   /// Of the constraints, as combinations of the equation's rows.
   [[nodiscard]] MatrixXd left_kernel() const { return solve::product(plan_.rows, conditions_.left); }
 
   [[nodiscard]] Status run(LatticeLevel& level) {
-    std::vector<double> y(static_cast<std::size_t>(conditions_.count()) * lines_);
+    const std::span<double> y = mean_slopes_;
     RowRounding::Sizes last, first{};
     last.fill(std::numeric_limits<double>::infinity());
     bool stalled = false;
@@ -294,6 +295,7 @@ private:
   grids::FieldSet residual_, hessian_, rhs_, correction_;
   KernelConditions conditions_;
   std::vector<int> pinned_;
+  std::vector<double> mean_slopes_;  ///< the last change of them
   CellMatrix matrix_;
   std::unique_ptr<CellSolver> solver_;
 };
@@ -446,6 +448,74 @@ static InitialLevel level_of_constraints(const MultisymplecticSystem& system, co
   }
   auto cautions = find_cautions(system, grid, given, plan.unknowns, level);
   return {std::move(level), std::move(cautions)};
+}
+
+namespace {
+
+class SolvedConstraints final : public ConstrainedFields {
+public:
+  SolvedConstraints(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, Plan plan)
+      : system_(system),
+        grid_(grid),
+        collocation_(collocation),
+        plan_(std::move(plan)),
+        solve_(system_, grid_, collocation, plan_),
+        left_(solve_.left_kernel()) {}
+
+  [[nodiscard]] Status find(LatticeLevel& level) override {
+    if (left_.cols() > 0) {
+      remove_sawtooths(system_, grid_, collocation_, plan_.unknowns, left_, level);
+    }
+    return solve_.run(level);
+  }
+
+private:
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  Collocation collocation_;
+  Plan plan_;
+  ConstraintSolve solve_;
+  MatrixXd left_;
+};
+
+class CornerConstraints final : public ConstrainedFields {
+public:
+  CornerConstraints(const MultisymplecticSystem& system, const grids::Grid& grid) : map_(system, grid) {}
+  [[nodiscard]] Status find(LatticeLevel& level) override { return map_.start(level.fields); }
+
+private:
+  EulerBoxMap map_;
+};
+
+class NoConstraints final : public ConstrainedFields {
+public:
+  [[nodiscard]] Status find(LatticeLevel&) override { return Status::success; }
+};
+
+}  // namespace
+
+std::unique_ptr<ConstrainedFields> make_constrained_fields(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                           Collocation collocation) {
+  if (collocation == Collocation::corners) {
+    return std::make_unique<CornerConstraints>(system, grid);
+  }
+  InitialFields given(system.fields().size());
+  for (std::size_t f = 0; f < given.size(); ++f) {
+    if (!system.structure().algebraic[f]) {
+      given[f].emplace();
+    }
+  }
+  Plan plan = make_plan(system, given);
+  for (const int f : plan.unknowns) {
+    if (given[static_cast<std::size_t>(f)]) {
+      throw std::invalid_argument(fmt::format("{} has an equation of motion, and constraints give it, too",
+                                              system.fields()[static_cast<std::size_t>(f)]));
+    }
+  }
+  if (plan.unknowns.empty()) {
+    return std::make_unique<NoConstraints>();
+  }
+  return std::make_unique<SolvedConstraints>(system, grid, collocation, std::move(plan));
 }
 
 InitialLevel prepare_initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,

@@ -1,11 +1,13 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include <rubato/base/status.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/cell_sweep.hpp>
@@ -66,6 +68,23 @@ struct InitialLevel {
 [[nodiscard]] InitialLevel prepare_determined_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                     const InitialFields& given,
                                                     const std::function<void(LatticeLevel&)>& determine);
+
+/// The fields of levels that have no equation of motion, as the constraints give them from the others; once made it
+/// allocates nothing.
+class ConstrainedFields {
+public:
+  ConstrainedFields() = default;
+  ConstrainedFields(const ConstrainedFields&) = delete;
+  ConstrainedFields& operator=(const ConstrainedFields&) = delete;
+  virtual ~ConstrainedFields() = default;
+  /// Puts them into a level, whose own are where an iteration begins. Fields at midpoints are 0 there.
+  [[nodiscard]] virtual Status find(LatticeLevel& level) = 0;
+};
+/// Those of prepare_initial_level() where all fields with an equation of motion are given, and no others.
+/// \throws std::invalid_argument if constraints give one of them
+[[nodiscard]] std::unique_ptr<ConstrainedFields> make_constrained_fields(const MultisymplecticSystem& system,
+                                                                         const grids::Grid& grid,
+                                                                         Collocation collocation);
 
 /// Its level alone.
 [[nodiscard]] LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid,

@@ -111,6 +111,9 @@ public:
   /// \throws std::invalid_argument as prepare_initial_level()
   [[nodiscard]] virtual InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                  const InitialFields& given) const = 0;
+  /// What gives the fields without an equation of motion of its levels. \throws as first_level()
+  [[nodiscard]] virtual std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                              const grids::Grid& grid) const = 0;
   /// \throws std::invalid_argument if the method cannot take this system or grid, with the remedy
   [[nodiscard]] virtual std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system,
                                                               const grids::Grid& grid, LatticeLevel first,

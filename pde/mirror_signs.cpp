@@ -69,6 +69,24 @@ MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const st
   }
 }
 
+std::vector<std::pair<int, std::size_t>> FieldMirrors::held(const grids::Grid& grid) const {
+  std::vector<std::pair<int, std::size_t>> held;
+  for (std::size_t node = 0; node < grid.size(); ++node) {
+    const auto place = grid.place(node);
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      const grids::Axis& axis = grid.axis(a);
+      const std::size_t at = place[static_cast<std::size_t>(a)];
+      const int fields = axis.is_on_wall(at) ? static_cast<int>(offsets_[static_cast<std::size_t>(a)].size()) : 0;
+      for (int f = 0; f < fields; ++f) {
+        if (offset(a, f) == 0 && sign(a, f, at == axis.wall(false) ? axis.left : axis.right) < 0) {
+          held.emplace_back(f, node);
+        }
+      }
+    }
+  }
+  return held;
+}
+
 FieldMirrors::FieldMirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation) {
   const FieldStructure& structure = system.structure();
   for (int a = 0; a < grid.dimensions(); ++a) {

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
@@ -36,6 +37,8 @@ public:
   [[nodiscard]] int sign(int axis, int field, grids::End wall) const {
     return signs_[static_cast<std::size_t>(axis)]->at(field, wall);
   }
+  /// The fields and nodes that walls hold. \param grid between walls, or with ghosts of them
+  [[nodiscard]] std::vector<std::pair<int, std::size_t>> held(const grids::Grid& grid) const;
   /// 1 for fields half a cell after their node along the axis, -1 before it, 0 at it.
   [[nodiscard]] int offset(int axis, int field) const {
     return offsets_[static_cast<std::size_t>(axis)][static_cast<std::size_t>(field)];

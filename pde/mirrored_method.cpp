@@ -62,7 +62,12 @@ public:
     return &previous_;
   }
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
-    scheme_->stand(mirrors_.extended(level), mirrors_.extended(next), h);
+    if (from_.fields.size() == 0) {
+      from_ = to_ = mirrors_.extended(level);
+    }
+    mirrors_.extend(level.fields, from_.fields);
+    mirrors_.extend(next.fields, to_.fields);
+    scheme_->stand(from_, to_, h);
     level_.fields.copy_from(level.fields);
     level_is_current_ = true;
     previous_is_current_ = false;
@@ -128,6 +133,39 @@ private:
   mutable LatticeLevel level_, previous_;  ///< the second of the short ring alone, where `scheme_` has one
   mutable bool level_is_current_ = true, previous_is_current_ = false;
   FieldSet ring_;
+  LatticeLevel from_, to_;  ///< of stand()
+};
+
+class MirroredConstraints final : public ConstrainedFields {
+public:
+  MirroredConstraints(const Mirrors& mirrors, const MultisymplecticSystem& system,
+                      std::unique_ptr<ConstrainedFields> of_ring)
+      : mirrors_(mirrors),
+        is_found_(system.structure().algebraic),
+        of_ring_(std::move(of_ring)),
+        ring_{FieldSet(system.field_count(), mirrors.ring().size()), {}} {}
+
+  [[nodiscard]] Status find(LatticeLevel& level) override {
+    mirrors_.extend(level.fields, ring_.fields);
+    ring_.slopes = level.slopes;
+    const Status status = of_ring_->find(ring_);
+    for (int f = 0; f < level.fields.fields(); ++f) {
+      if (is_found_[static_cast<std::size_t>(f)]) {
+        const auto between = level.fields.field(f), ring = ring_.fields.field(f);
+        mirrors_.restrict(ring, between);
+        mirrors_.extend(f, between, ring);
+        mirrors_.restrict(ring, between);
+      }
+    }
+    level.slopes = ring_.slopes;
+    return status;
+  }
+
+private:
+  Mirrors mirrors_;
+  std::vector<bool> is_found_;
+  std::unique_ptr<ConstrainedFields> of_ring_;
+  LatticeLevel ring_;
 };
 
 class MirroredEquation final : public StepEquation {
@@ -390,6 +428,11 @@ public:
       }
     }
     return {std::move(level), std::move(cautions)};
+  }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    const Mirrors mirrors = mirrors_of(system, grid);
+    return std::make_unique<MirroredConstraints>(mirrors, system, method_->constrained_fields(system, mirrors.ring()));
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {

@@ -67,22 +67,8 @@ Mirrors::Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, C
   if (ghosts > 0) {
     ghosts_.emplace(mirrors_, ring_);
   }
-  find_held(system);
-}
-
-void Mirrors::find_held(const MultisymplecticSystem& system) {
-  for (std::size_t node = 0; node < grid_.size(); ++node) {
-    const auto place = grid_.place(node);
-    for (int a = 0; a < grid_.dimensions(); ++a) {
-      const std::size_t at = place[static_cast<std::size_t>(a)];
-      const bool on_wall = grid_.axis(a).has_walls() && (at == 0 || at + 1 == grid_.cells(a));
-      for (int f = 0; on_wall && f < system.field_count(); ++f) {
-        if (offset(a, f) == 0 && sign(a, f, at == 0 ? grid_.axis(a).left : grid_.axis(a).right) < 0) {
-          held_.emplace_back(f, node);
-        }
-      }
-    }
-  }
+  held_ = mirrors_.held(grid_);
+  held_values_.resize(held_.size());
 }
 
 /// Continues what stands at the first places of an axis to its end; a place is a block of values.
@@ -125,13 +111,13 @@ void Mirrors::extend(int field, std::span<const double> between, std::span<doubl
   while (!grid_.axis(last).has_walls()) {
     --last;
   }
-  std::vector<double> scratch;
   std::size_t stride = 1, lines = between.size();
   for (int a = 0; a <= last; ++a) {
     const std::size_t n = grid_.cells(a), m = ring_.cells(a);
     lines /= n;
     if (grid_.axis(a).has_walls()) {
-      std::vector<double> room(a == last ? 0 : stride * m * lines);
+      std::vector<double>& room = extended_along_[static_cast<std::size_t>(a)];
+      room.resize(a == last ? 0 : stride * m * lines);
       const std::span<double> out = a == last ? ring : std::span<double>(room);
       for (std::size_t line = 0; line < lines; ++line) {
         const std::span<double> of_line = out.subspan(line * m * stride, m * stride);
@@ -139,8 +125,7 @@ void Mirrors::extend(int field, std::span<const double> between, std::span<doubl
                     of_line.begin());
         extend_blocks(a, field, stride, of_line);
       }
-      scratch = std::move(room);
-      between = scratch;
+      between = room;
     }
     stride *= m;
   }
@@ -206,13 +191,12 @@ void Mirrors::restrict(const grids::FieldSet& ring, grids::FieldSet& between) co
 }
 
 void Mirrors::restrict_within(const grids::FieldSet& ring, grids::FieldSet& between) const {
-  std::vector<double> values;
-  for (const auto& [field, node] : held_) {
-    values.push_back(between.field(field)[node]);
+  for (std::size_t i = 0; i < held_.size(); ++i) {
+    held_values_[i] = between.field(held_[i].first)[held_[i].second];
   }
   restrict(ring, between);
   for (std::size_t i = 0; i < held_.size(); ++i) {
-    between.field(held_[i].first)[held_[i].second] = values[i];
+    between.field(held_[i].first)[held_[i].second] = held_values_[i];
   }
 }
 

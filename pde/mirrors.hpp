@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -58,7 +59,6 @@ public:
 
 private:
   void extend_blocks(int axis, int field, std::size_t block, std::span<double> values) const;
-  void find_held(const MultisymplecticSystem& system);
   /// Calls use(in between, in the ring) with the first nodes of each line between the walls.
   template <class Use>
   void for_each_line(const Use& use) const;
@@ -68,6 +68,8 @@ private:
   std::optional<WallGhosts> ghosts_;  ///< of the short ring
   double copies_ = 1.0;
   std::vector<std::pair<int, std::size_t>> held_;  ///< fields and nodes
+  mutable std::vector<double> held_values_;
+  mutable std::array<std::vector<double>, 3> extended_along_;  ///< but for the last axis with walls
 };
 
 /// A term of S that is not the same at z and in the mirror.

@@ -2,11 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include <rubato/grids/whole.hpp>
+#include <rubato/pde/mirror_signs.hpp>
 
 namespace rubato {
 
@@ -23,11 +28,12 @@ double smooth_step(double s) {
 /// A scheme between two halves of damping. The method's own scheme stands at the level where ψ_h begins.
 class SpongeScheme final : public LatticeScheme, public LosesEnergy {
 public:
-  /// \param energies laws of the method, of the system that `inner` has
-  SpongeScheme(std::unique_ptr<LatticeScheme> inner, SpongeDamping damping, LocalLaws energies, LatticeLevel first)
+  /// \param method the one of `inner`
+  SpongeScheme(const LatticeMethod& method, std::unique_ptr<LatticeScheme> inner, SpongeDamping damping,
+               LatticeLevel first)
       : inner_(std::move(inner)),
         damping_(std::move(damping)),
-        energies_(std::move(energies)),
+        equation_(method.equation(inner_->system(), inner_->grid(), first, 0.0)),
         level_(std::move(first)),
         start_(level_),
         next_(level_),
@@ -61,7 +67,10 @@ public:
   [[nodiscard]] std::size_t energy_size_period() const override { return inner_->energy_size_period(); }
   [[nodiscard]] int order() const override { return inner_->order(); }
   [[nodiscard]] bool has_node_law() const override { return false; }
-  [[nodiscard]] NodeEnergy node() override { return {energy_ + lost_, std::numeric_limits<double>::quiet_NaN()}; }
+  [[nodiscard]] NodeEnergy node() override {
+    return {energy_ + lost_ - work().value_or(0.0), std::numeric_limits<double>::quiet_NaN()};
+  }
+  [[nodiscard]] std::optional<double> work() const override { return inner_->work(); }
   [[nodiscard]] int iterations() const override { return iterations_ + inner_->iterations(); }
   [[nodiscard]] std::string failure_reason() const override { return inner_->failure_reason(); }
   [[nodiscard]] double energy_lost() const override { return lost_; }
@@ -99,7 +108,7 @@ public:
   }
 
 private:
-  [[nodiscard]] double energy_of(const LatticeLevel& level) { return energies_.totals(level).front(); }
+  [[nodiscard]] double energy_of(const LatticeLevel& level) { return equation_->node(level).energy; }
   [[nodiscard]] bool at_midpoints(int field) const { return system().structure().at_midpoints(field); }
 
   /// What ψ_h added to each field; of those at midpoints their value.
@@ -127,7 +136,7 @@ private:
 
   std::unique_ptr<LatticeScheme> inner_;
   SpongeDamping damping_;
-  LocalLaws energies_;
+  std::unique_ptr<StepEquation> equation_;
   LatticeLevel level_, start_, next_;  ///< z_k, D z_k, what ψ_h is foreseen to lead to
   grids::FieldSet increment_;          ///< of the last ψ_h
   double energy_;                      ///< of level_
@@ -217,6 +226,7 @@ public:
   [[nodiscard]] bool begins_in_parts(const MultisymplecticSystem&, const std::vector<bool>&) const override {
     return false;
   }
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override { return method_->in_mirror(); }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return method_->action(system);
   }
@@ -225,11 +235,14 @@ public:
                                          const InitialFields& given) const override {
     return method_->first_level(system, grid, given);
   }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return method_->constrained_fields(system, grid);
+  }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     auto inner = method_->scheme(system, grid, first, first_step);
-    return std::make_unique<SpongeScheme>(std::move(inner), damping(system, grid),
-                                          make_local_laws(*method_, system, grid), std::move(first));
+    return std::make_unique<SpongeScheme>(*method_, std::move(inner), damping(system, grid), std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     SpongeDamping damps = damping(tables.system, tables.grid);
@@ -261,8 +274,9 @@ std::vector<double> Sponge::rates(const grids::Grid& grid) const {
     const std::size_t stride = grid.stride(layer.axis), cells = grid.cells(layer.axis);
     for (std::size_t i = 0; i < rates.size(); ++i) {
       const double x = grid.axis(layer.axis).node(i / stride % cells);
-      const double depth = 1.0 - std::min(x - layer.from, layer.to - x) / layer.width;
-      rates[i] += layer.strength * smooth_step(depth);
+      const double at_left = layer.at_left ? smooth_step(1.0 - (x - layer.from) / layer.width) : 0.0;
+      const double at_right = layer.at_right ? smooth_step(1.0 - (layer.to - x) / layer.width) : 0.0;
+      rates[i] += layer.strength * std::max(at_left, at_right);
     }
   }
   return rates;
@@ -270,33 +284,76 @@ std::vector<double> Sponge::rates(const grids::Grid& grid) const {
 
 SpongeDamping::SpongeDamping(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,
                              const Sponge& sponge)
-    : method_(&method), system_(system), grid_(grid), rates_(sponge.rates(grid)) {}
-
-void SpongeDamping::operator()(const LatticeLevel& level, double time, LatticeLevel& damped) const {
-  InitialFields given(static_cast<std::size_t>(system_.field_count()));
-  for (int f = 0; f < system_.field_count(); ++f) {
-    if (system_.structure().algebraic[static_cast<std::size_t>(f)] || system_.structure().at_midpoints(f)) {
-      continue;
-    }
-    const std::span<const double> values = level.fields.field(f);
-    std::vector<double>& out = given[static_cast<std::size_t>(f)].emplace(values.begin(), values.end());
-    for (std::size_t i = 0; i < out.size(); ++i) {
-      out[i] *= std::exp(-time * rates_[i]);
+    : constrained_(method.constrained_fields(system, grid)) {
+  for (int f = 0; f < system.field_count(); ++f) {
+    if (system.structure().at_midpoints(f)) {
+      at_midpoints_.push_back(f);
+    } else if (!system.structure().algebraic[static_cast<std::size_t>(f)]) {
+      damped_.push_back(f);
     }
   }
-  damped = method_->first_level(system_, grid_, given).level;
-  for (int f = 0; f < system_.field_count(); ++f) {
-    if (system_.structure().at_midpoints(f)) {
-      std::ranges::copy(level.fields.field(f), damped.fields.field(f).begin());
+  const std::vector<double> rates = sponge.rates(grid);
+  for (std::size_t node = 0; node < rates.size(); ++node) {
+    if (rates[node] > 0.0) {
+      nodes_.push_back(node);
+      rates_.push_back(rates[node]);
     }
+  }
+  if (grid.has_walls()) {
+    const FieldMirrors mirrors(system, grid, method.in_mirror().value_or(Collocation::nodes));
+    std::ranges::copy_if(mirrors.held(grid), std::back_inserter(held_), [&](const auto& held) {
+      return rates[held.second] > 0.0 && std::ranges::find(damped_, held.first) != damped_.end();
+    });
+  }
+  for (Factors& factors : factors_) {
+    factors.values.assign(nodes_.size(), 1.0);
+  }
+}
+
+const std::vector<double>& SpongeDamping::factors(double time) {
+  Factors& factors = factors_[time < 0.0 ? 1 : 0];
+  if (time != factors.time) {
+    factors.time = time;
+    std::ranges::transform(rates_, factors.values.begin(), [time](double rate) { return std::exp(-time * rate); });
+  }
+  return factors.values;
+}
+
+void SpongeDamping::operator()(const LatticeLevel& level, double time, LatticeLevel& damped) {
+  if (damped.fields.size() == 0) {
+    damped = level;
+  } else {
+    damped.fields.copy_from(level.fields);
+    damped.slopes = level.slopes;
+  }
+  const std::vector<double>& by = factors(time);
+  for (const int f : damped_) {
+    const std::span<double> values = damped.fields.field(f);
+    for (std::size_t i = 0; i < nodes_.size(); ++i) {
+      values[nodes_[i]] *= by[i];
+    }
+  }
+  for (const auto& [field, node] : held_) {
+    damped.fields.field(field)[node] = level.fields.field(field)[node];
+  }
+  for (const int f : at_midpoints_) {
+    std::ranges::fill(damped.fields.field(f), 0.0);
+  }
+  if (const Status status = constrained_->find(damped); status != Status::success) {
+    throw std::invalid_argument(fmt::format(
+        "the constraints of a level that the sponge has damped could not be solved: {}", to_string(status)));
+  }
+  for (const int f : at_midpoints_) {
+    std::ranges::copy(level.fields.field(f), damped.fields.field(f).begin());
   }
 }
 
 double SpongeLoss::of_step(const LatticeLevel& before, const LatticeLevel& after, double h) {
+  const auto energy = [this](const LatticeLevel& level) { return equation_->node(level).energy; };
   damping_(before, 0.5 * h, damped_);
-  const double lost = laws_.totals(before).front() - laws_.totals(damped_).front();
+  const double lost = energy(before) - energy(damped_);
   damping_(after, -0.5 * h, damped_);
-  return lost + (laws_.totals(damped_).front() - laws_.totals(after).front());
+  return lost + (energy(damped_) - energy(after));
 }
 
 std::unique_ptr<LatticeMethod> with_sponge(std::unique_ptr<LatticeMethod> method,

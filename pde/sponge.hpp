@@ -1,15 +1,18 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <memory>
 #include <utility>
 #include <vector>
 
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/step_equation.hpp>
 
 namespace rubato {
 
-/// Layers at both ends of axes in which fields are damped (theory, section 11.2), z_t = -σz beside the equation, by
+/// Layers at ends of axes in which fields are damped (theory, section 11.2), z_t = -σz beside the equation, by
 ///
 ///     σ(x) = Σ_a strength_a/(1 + exp(1/s_a - 1/(1 - s_a))),
 ///
@@ -22,6 +25,7 @@ public:
     double from = 0.0, to = 0.0;  ///< the range of the axis
     double width = 0.0;           ///< of the layer at each end
     double strength = 0.0;        ///< a rate
+    bool at_left = true, at_right = true;
   };
   explicit Sponge(std::vector<Layer> layers) : layers_(std::move(layers)) {}
 
@@ -32,24 +36,34 @@ private:
   std::vector<Layer> layers_;
 };
 
-/// The damping of levels: fields with an equation of motion times exp(-time σ), the others as
-/// LatticeMethod::first_level() finds them. A step of length h with a sponge is symmetric:
+/// The damping of levels: fields with an equation of motion times exp(-time σ), but for what walls hold, the others by
+/// LatticeMethod::constrained_fields(). A step of length h with a sponge is symmetric:
 ///
 ///     z_{k+1} = D ψ_h(D z_k),   D = exp(-½hσ)
 class SpongeDamping {
 public:
-  /// \param method the one of ψ_h; it has to outlive this
+  /// \param method the one of ψ_h
   SpongeDamping(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,
                 const Sponge& sponge);
 
   /// \param time a negative one takes the damping back
-  void operator()(const LatticeLevel& level, double time, LatticeLevel& damped) const;
+  /// \throws std::invalid_argument if the constraints have no solution
+  void operator()(const LatticeLevel& level, double time, LatticeLevel& damped);
 
 private:
-  const LatticeMethod* method_;
-  MultisymplecticSystem system_;
-  grids::Grid grid_;
-  std::vector<double> rates_;
+  /// exp(-time σ) where σ is not 0.
+  struct Factors {
+    double time = 0.0;
+    std::vector<double> values;
+  };
+  [[nodiscard]] const std::vector<double>& factors(double time);
+
+  std::unique_ptr<ConstrainedFields> constrained_;
+  std::vector<int> damped_, at_midpoints_;         ///< fields
+  std::vector<std::size_t> nodes_;                 ///< where σ is not 0
+  std::vector<double> rates_;                      ///< there
+  std::vector<std::pair<int, std::size_t>> held_;  ///< of the damped fields, by walls
+  std::array<Factors, 2> factors_;  ///< of the last time that is not negative, and of the last negative one
 };
 
 /// A scheme that counts what damping takes.
@@ -63,16 +77,20 @@ public:
 /// What the damping takes from the energy in one step, by its two levels alone.
 class SpongeLoss {
 public:
-  /// \param method the one of ψ_h; it has to outlive this
+  /// \param method the one of ψ_h \param first any level
   SpongeLoss(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,
-             const Sponge& sponge)
-      : damping_(method, system, grid, sponge), laws_(make_local_laws(method, system, grid)) {}
+             const Sponge& sponge, const LatticeLevel& first)
+      : system_(system),
+        damping_(method, system_, grid, sponge),
+        equation_(method.equation(system_, grid, first, 0.0)),
+        damped_(first) {}
 
   [[nodiscard]] double of_step(const LatticeLevel& before, const LatticeLevel& after, double h);
 
 private:
+  MultisymplecticSystem system_;
   SpongeDamping damping_;
-  LocalLaws laws_;
+  std::unique_ptr<StepEquation> equation_;
   LatticeLevel damped_;
 };
 

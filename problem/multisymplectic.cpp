@@ -168,8 +168,8 @@ std::vector<GridAxis> read_grid(Section& root, const Section& owner, std::span<c
     axis.cells = read_integer(section->require("cells", "how many cells the period has").value, "cells", parameters, 3);
     axis.jumps = read_jumps(*section, fields, parameters);
     axis.twists = read_twists(*section, parameters);
-    axis.sponge = read_sponge(*section, axis, parameters);
     read_walls(*section, fields, axis);
+    axis.sponge = read_sponge(*section, axis, parameters);
     section->finish();
     if (!(axis.from < axis.to) || !std::isfinite(axis.to - axis.from)) {
       throw ProblemError(axis.location,

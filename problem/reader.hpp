@@ -224,7 +224,7 @@ void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& t
 void check_twists(Problem& problem);
 /// The same of the density of a custom action.
 void check_density_twists(const Problem& problem, const FormulaText& text, const CornerDensity& density);
-/// sponge = { width, strength } of a direction of the grid, whose range has been read. \throws ProblemError
+/// sponge = { width, strength } of a direction of the grid, whose range and walls have been read. \throws ProblemError
 [[nodiscard]] std::optional<StatedSponge> read_sponge(Section& section, const GridAxis& axis,
                                                       const Parameters& parameters);
 /// \throws ProblemError if the problem cannot have its sponge, naming the reason; needs all of it

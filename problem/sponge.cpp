@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <optional>
 
 #include <fmt/format.h>
@@ -30,6 +31,11 @@ std::optional<int> damped_derivative(const MultisymplecticSystem& system, int po
   return std::nullopt;
 }
 
+/// No layer stands beside a wall that does: what it gives would be damped at once.
+bool is_driven(const GridAxis& axis, bool is_right) {
+  return std::ranges::find(axis.drives, is_right, &StatedDrive::is_right) != axis.drives.end();
+}
+
 }  // namespace
 
 std::optional<StatedSponge> read_sponge(Section& section, const GridAxis& axis, const Parameters& parameters) {
@@ -45,11 +51,19 @@ std::optional<StatedSponge> read_sponge(Section& section, const GridAxis& axis, 
   const Entry& strength = table->require("strength", "the largest rate of the damping");
   sponge.width = read_number(width.value, "width", parameters);
   sponge.strength = read_number(strength.value, "strength", parameters);
-  const double half = 0.5 * (axis.to - axis.from);
-  if (!(sponge.width > 0.0 && sponge.width < half)) {
-    throw ProblemError(width.location, fmt::format("sponge: width = {:.6g} has to be more than 0 and less than half of "
-                                                   "the range, {:.6g}, so that a window is left between the layers",
-                                                   sponge.width, half));
+  if (is_driven(axis, false) && is_driven(axis, true)) {
+    throw ProblemError(sponge.location,
+                       "sponge: both walls drive fields, and no layer stands beside such a wall. Leave sponge out, or "
+                       "let one wall be \"fixed\" or \"free\"");
+  }
+  const bool is_one = is_driven(axis, false) || is_driven(axis, true);
+  const double most = (is_one ? 1.0 : 0.5) * (axis.to - axis.from);
+  if (!(sponge.width > 0.0 && sponge.width < most)) {
+    throw ProblemError(
+        width.location,
+        fmt::format("sponge: width = {:.6g} has to be more than 0 and less than {}the range, {:.6g}, so that a "
+                    "window is left {} the layer{}",
+                    sponge.width, is_one ? "" : "half of ", most, is_one ? "beside" : "between", is_one ? "" : "s"));
   }
   if (!(sponge.strength > 0.0)) {
     throw ProblemError(strength.location, fmt::format("sponge: strength = {:.6g} has to be more than 0, for less would "
@@ -100,7 +114,14 @@ std::shared_ptr<const Sponge> make_sponge(const Problem& problem) {
   std::vector<Sponge::Layer> layers;
   for (std::size_t a = 0; a < pde.axes.size(); ++a) {
     if (const auto& sponge = pde.axes[a].sponge) {
-      layers.push_back({static_cast<int>(a), pde.axes[a].from, pde.axes[a].to, sponge->width, sponge->strength});
+      const GridAxis& axis = pde.axes[a];
+      layers.push_back({.axis = static_cast<int>(a),
+                        .from = axis.from,
+                        .to = axis.to,
+                        .width = sponge->width,
+                        .strength = sponge->strength,
+                        .at_left = !is_driven(axis, false),
+                        .at_right = !is_driven(axis, true)});
     }
   }
   return layers.empty() ? nullptr : std::make_shared<const Sponge>(std::move(layers));

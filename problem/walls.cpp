@@ -175,11 +175,6 @@ void check_walls(const Problem& problem) {
     throw ProblemError(pde.axes.front().location,
                        "[grid] has walls and a phase, by which fields turn over a period: leave one of them out");
   }
-  if (const StatedSponge* const sponge = pde.sponge()) {
-    throw ProblemError(sponge->location,
-                       "[grid] has walls and a sponge, in which nothing comes back from a wall: leave "
-                       "one of them out");
-  }
   if (pde.next) {
     throw ProblemError(pde.next->location, "[initial.next] is for grids without walls: leave one of them out");
   }

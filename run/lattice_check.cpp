@@ -176,7 +176,7 @@ public:
     }
     if (const auto sponge = make_sponge(problem)) {
       bare_method_ = make_bare_method(problem);
-      loss_.emplace(*bare_method_, system_.without_constant(), grid_, *sponge);
+      loss_.emplace(*bare_method_, system_.without_constant(), grid_, *sponge, after_);
       lost_.emplace(record, fmt::format("/laws/totals/{}", figures::energy_lost_name));
     }
     if (problem.multisymplectic()->has_drives()) {
@@ -266,7 +266,6 @@ private:
     }
   }
 
-  /// What a sponge has taken before a level; 0 without one.
   /// What a sponge has taken, less what walls have done.
   [[nodiscard]] double lost_at(std::size_t at) { return (lost_ ? lost_->at(at) : 0.0) - (work_ ? work_->at(at) : 0.0); }
 
@@ -584,7 +583,7 @@ private:
         "/levels/energy", step, {}, energy_.at(step), law.energy + others,
         [&] { return tolerance(0)() + Rounding::of_sum(law.energy, others); }, "from the states around the step");
     if (loss_ && in_turn) {
-      const double before = lost_at(step);
+      const double before = lost_->at(step);
       findings_.compare(
           lost_->path(), step + 1, {}, lost_->at(step + 1), before + taken,
           [&] { return tolerance(0)() + tolerance(2)() + Rounding::of_sum(before, law.energy); },

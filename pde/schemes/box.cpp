@@ -61,6 +61,10 @@ public:
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, collocation());
   }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return make_constrained_fields(system, grid, collocation());
+  }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return is_box() ? make_box_scheme(system, grid, std::move(first), first_step)

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -30,6 +32,48 @@ auto refused(const Make& make) {
     throw SchemeRefusal(error.what());
   }
 }
+
+/// On this collocation the constraints of the equation give fields before the rows of the action do.
+Collocation collocation_of_constraints(const grids::Grid& grid) {
+  if (grid.has_ghosts()) {
+    return Collocation::corners;
+  }
+  const auto box = make_lattice_method({.name = "box"});
+  bool is_odd = true;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    is_odd = is_odd && !box->other_count(grid.cells(a), grid.dimensions());
+  }
+  return is_odd ? Collocation::cells : Collocation::nodes;
+}
+
+/// By the constraints of the equation, then, as far as they give fields, by the rows of the action.
+class ActionConstraints final : public ConstrainedFields {
+public:
+  ActionConstraints(const MultisymplecticSystem& system, const grids::Grid& grid, const CornerDensity& density)
+      : stated_(state_action(system, density)),
+        of_equation_(make_constrained_fields(system, grid, collocation_of_constraints(grid))),
+        system_(system),
+        grid_(grid) {}
+
+  [[nodiscard]] Status find(LatticeLevel& level) override {
+    if (const Status status = of_equation_->find(level); status != Status::success) {
+      return status;
+    }
+    if (!step_) {
+      stated_.typical = typical_values(level);
+      step_.emplace(system_, grid_, stated_, grid_.spacing(0));
+    }
+    step_->constrain(grid_.spacing(0), level);
+    return Status::success;
+  }
+
+private:
+  StatedAction stated_;
+  std::unique_ptr<ConstrainedFields> of_equation_;
+  MultisymplecticSystem system_;
+  grids::Grid grid_;
+  std::optional<ActionStep> step_;
+};
 
 /// The scheme of a density that the problem states.
 class CustomMethod final : public LatticeMethod {
@@ -92,15 +136,7 @@ public:
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    const LatticeMethodChoice box{.name = "box"};
-    bool is_odd = true;
-    for (int a = 0; a < grid.dimensions(); ++a) {
-      is_odd = is_odd && !make_lattice_method(box)->other_count(grid.cells(a), grid.dimensions());
-    }
-    InitialLevel level = prepare_initial_level(system, grid, given,
-                                               grid.has_ghosts() ? Collocation::corners
-                                               : is_odd          ? Collocation::cells
-                                                                 : Collocation::nodes);
+    InitialLevel level = prepare_initial_level(system, grid, given, collocation_of_constraints(grid));
     const double h = grid.spacing(0);
     refused([&] {
       StatedAction stated = state_action(system, *density_);
@@ -130,6 +166,10 @@ public:
       return 0;
     });
     return level;
+  }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return std::make_unique<ActionConstraints>(system, grid, *density_);
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {

@@ -145,6 +145,10 @@ public:
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, Collocation::corners);
   }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return make_constrained_fields(system, grid, Collocation::corners);
+  }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double) const override {
     return make_euler_box_scheme(system, grid, std::move(first));

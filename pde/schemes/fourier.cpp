@@ -33,6 +33,10 @@ public:
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, Collocation::nodes);
   }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return make_constrained_fields(system, grid, Collocation::nodes);
+  }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return stages_ == 1 ? make_fourier_scheme(system, grid, std::move(first), first_step)

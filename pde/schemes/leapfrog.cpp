@@ -182,6 +182,10 @@ public:
     static_cast<void>(wave_type(system));  // which says what is wrong in terms of this scheme
     return prepare_initial_level(system, grid, given, Collocation::corners);
   }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return make_constrained_fields(system, grid, Collocation::corners);
+  }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     return make_action_scheme(system, grid, stated_leapfrog(system, drives_), nullptr, std::move(first), first_step);

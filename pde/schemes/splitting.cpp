@@ -174,6 +174,31 @@ private:
   double h_ = 0.0;
 };
 
+/// The fields without an equation of motion, as the waves have them.
+class WaveConstraints final : public ConstrainedFields {
+public:
+  WaveConstraints(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
+      : is_found_(system.structure().algebraic),
+        splitting_(system, grid, collocation),
+        all_(system.field_count(), grid.size()) {}
+
+  [[nodiscard]] Status find(LatticeLevel& level) override {
+    splitting_.stand(level);
+    splitting_.fields_here(all_);
+    for (int f = 0; f < all_.fields(); ++f) {
+      if (is_found_[static_cast<std::size_t>(f)]) {
+        std::ranges::copy(std::as_const(all_).field(f), level.fields.field(f).begin());
+      }
+    }
+    return Status::success;
+  }
+
+private:
+  std::vector<bool> is_found_;
+  WaveSplitting splitting_;
+  grids::FieldSet all_;
+};
+
 /// Compositions of the waves' exact flow and that of what is left of S: WaveSplitting.
 class SplittingMethod final : public LatticeMethod {
 public:
@@ -198,7 +223,9 @@ public:
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    const auto determine = [&](LatticeLevel& level) { determine_by_waves(system, grid, level); };
+    const auto determine = [&](LatticeLevel& level) {
+      static_cast<void>(WaveConstraints(system, grid, collocation_).find(level));  // which is always a success
+    };
     std::vector<bool> is_given;
     std::ranges::transform(given, std::back_inserter(is_given), [](const auto& field) { return field.has_value(); });
     if (grids::Slab::of(grid) != nullptr || begins_in_parts(system, is_given)) {
@@ -209,6 +236,10 @@ public:
       determine(first.level);
     }
     return first;
+  }
+  [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
+                                                                      const grids::Grid& grid) const override {
+    return std::make_unique<WaveConstraints>(system, grid, collocation_);
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
@@ -227,19 +258,6 @@ public:
   }
 
 private:
-  /// The algebraic fields, from the others.
-  void determine_by_waves(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel& level) const {
-    WaveSplitting splitting(system, grid, collocation_);
-    grids::FieldSet all(system.field_count(), grid.size());
-    splitting.stand(level);
-    splitting.fields_here(all);
-    for (int f = 0; f < system.field_count(); ++f) {
-      if (system.structure().algebraic[static_cast<std::size_t>(f)]) {
-        std::ranges::copy(std::as_const(all).field(f), level.fields.field(f).begin());
-      }
-    }
-  }
-
   const Composition& composition_;
   Collocation collocation_;
 };

@@ -170,6 +170,119 @@ TEST_CASE("check and resume know of a sponge") {
   CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
 }
 
+namespace {
+
+/// The same packet between two kinds of walls.
+std::string packet_between(const std::string& walls) {
+  return with(packet, "cells = 301,", "cells = 300, " + walls + ",");
+}
+constexpr const char* fixed_and_free = R"(left = "fixed", right = "free")";
+
+/// A breather's values drive the left end, and a layer ends the line.
+constexpr const char* driven_line = R"toml(
+[multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + 1 - cos(u)"
+[parameters]
+W = 0.6
+A = 2
+[grid]
+x = { from = 0, to = 12, cells = 120, left = { u = "A*sin(2*W*t)*sin(W*t)^2" }, right = "free", sponge = { width = 6, strength = 2 } }
+[initial]
+u = "0"
+v = "0"
+[invariants]
+energy_of_u = "(v^2 + w^2)/2 + 1 - cos(u)"
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.05
+until = 12
+)toml";
+
+}  // namespace
+
+TEST_CASE("a pulse leaves through a layer beside a wall") {
+  for (const char* scheme : {"fourier", "splitting", "leapfrog"}) {
+    for (const bool is_swapped : {false, true}) {
+      INFO(scheme << (is_swapped ? ", into the fixed wall" : ", into the free wall"));
+      const std::string text = packet_between(is_swapped ? R"(left = "free", right = "fixed")" : fixed_and_free);
+      const Outcome outcome =
+          outcome_of({fmt::format("scheme.lagrangian={}", scheme), "grid.x.cells=200", "scheme.step=0.06"}, text);
+      const figures::Deviation& energy = named(outcome.statistics.invariants, "energy_of_u");
+      CHECK(energy.initial > 1.0);
+      CHECK(std::abs(1.0 - energy.max() / energy.initial) < 1e-4);
+    }
+  }
+  // The twin: a layer that is short beside the wavelength reflects.
+  const double energy = outcome_of({"scheme.until=0.1"}, packet_between(fixed_and_free)).statistics.node_energy.initial;
+  CHECK(lost(outcome_of({"grid.x.sponge.width=0.3", "grid.x.sponge.strength=40"}, packet_between(fixed_and_free))) /
+            energy <
+        0.99);
+}
+
+TEST_CASE("between walls the energy that a sponge takes closes the balance") {
+  const Outcome outcome =
+      outcome_of({"scheme.lagrangian=fourier", "parameters.g=1", "scheme.levels=variable", "scheme.until=15"},
+                 packet_between(fixed_and_free));
+  CHECK(outcome.statistics.off_law_steps == 0);
+  CHECK(outcome.statistics.relative_energy_deviation().value() < 1e-12);
+  // The twin: without it H changes by what was taken.
+  CHECK(lost(outcome) > 0.5 * outcome.statistics.node_energy.initial);
+  CHECK(named(outcome.statistics.invariants, "energy_of_u").max() > 0.5 * outcome.statistics.node_energy.initial);
+}
+
+TEST_CASE("the work of a driven wall is what the line has and its sponge took") {
+  std::vector<double> balances;
+  for (int halvings = 0; halvings < 3; ++halvings) {
+    const Outcome outcome = outcome_of(
+        {fmt::format("scheme.step={}", 0.05 / (1 << halvings)), fmt::format("grid.x.cells={}", 120 << halvings)},
+        driven_line);
+    balances.push_back(outcome.statistics.node_energy.max());
+    // The twins: the balance needs the work and what was taken, each of them far above its error.
+    CHECK(named(outcome.statistics.totals, "work").max() > 10.0 * balances.back());
+    CHECK(lost(outcome) > 10.0 * balances.back());
+  }
+  INFO("balances " << balances[0] << ", " << balances[1] << ", " << balances[2]);
+  for (std::size_t i = 0; i < 2; ++i) {
+    CHECK(std::log2(balances[i] / balances[i + 1]) == Approx(2.0).margin(0.3));
+  }
+}
+
+TEST_CASE("check and resume know of a sponge between walls") {
+  const Folder folder;
+  const Settings action = {
+      "scheme.lagrangian=custom",
+      "scheme.L=((u_10 - u_00)^2 + (u_11 - u_01)^2)/(4*h^2) - ((u_01 - u_00)^2 + (u_11 - u_10)^2)/(4*dx^2) - 1 + "
+      "(cos(u_00) + cos(u_01) + cos(u_10) + cos(u_11))/4"};
+  const auto look_at = [&](const std::string& text, const Settings& settings, double until, const std::string& part,
+                           const std::vector<std::string>& paths) {
+    INFO(settings.front());
+    static_cast<void>(run(problem_of(settings, text), {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
+    CHECK(check(folder / "a.h5").status == ExitStatus::done);
+    static_cast<void>(run(problem_of(joined(settings, {"scheme.until=" + part}), text),
+                          {.output = folder / "part.h5", .overwrite = true, .threads = 1}));
+    static_cast<void>(resume(folder / "part.h5", until));
+    const record::Reader whole(folder / "a.h5"), parts(folder / "part.h5");
+    for (const std::string& path : paths) {
+      CHECK(whole.read(path) == parts.read(path));
+    }
+  };
+  for (const char* scheme : {"fourier", "splitting", "leapfrog"}) {
+    look_at(packet_between(fixed_and_free),
+            {fmt::format("scheme.lagrangian={}", scheme), "scheme.levels=variable", "scheme.until=8",
+             "scheme.step=0.08", "parameters.g=0.5", "grid.x.cells=100"},
+            8.0, "5", {"/levels/node_energy", "/laws/totals/energy_lost"});
+  }
+  for (const Settings& scheme : {Settings{"scheme.lagrangian=leapfrog"}, action}) {
+    look_at(driven_line, scheme, 12.0, "7", {"/levels/node_energy", "/laws/totals/energy_lost", "/laws/totals/work"});
+  }
+  falsify(folder / "a.h5", "/laws/totals/energy_lost", 200, 1e-6);
+  CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
 TEST_CASE("sponges are refused where there can be none, with place, reason and remedy") {
   CHECK(message({}).empty());
   CHECK_THAT(message({}, with(packet, "width = 8", "width = 15")), Contains("packet.toml:10:") && Contains("half of"));
@@ -179,6 +292,10 @@ TEST_CASE("sponges are refused where there can be none, with place, reason and r
   CHECK_THAT(message({"scheme.frame.velocity=0.5"}), Contains("frame"));
   CHECK_THAT(message({"grid.x.jump.u=0.5"}), Contains("jump"));
   CHECK_THAT(message({"laws.every=2"}), Contains("every level"));
+  CHECK(message({"grid.x.sponge.width=11"}, driven_line).empty());  // one layer
+  CHECK_THAT(message({"grid.x.sponge.width=12"}, driven_line), Contains("sponge") && Contains("less than the range"));
+  CHECK_THAT(message({}, with(driven_line, "right = \"free\"", "right = { u = \"sin(t)\" }")),
+             Contains("both walls") && Contains("leave sponge out", Catch::CaseSensitive::No));
   const std::string kdv =
       "[multisymplectic]\nequation = \"kdv\"\n[grid]\nx = { from = 0, to = 6, cells = 31, sponge = { width = 1, "
       "strength = 1 } }\n[initial]\nu = \"cos(pi*x/3)\"\n[scheme]\nlagrangian = \"box\"\nlevels = \"fixed\"\nstep = "
