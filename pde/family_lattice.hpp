@@ -189,7 +189,7 @@ private:
 class FamilyEquation : public StepEquation {
 public:
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) final {
-    copy_level(level.fields, system_.structure().at_midpoints(), point_);
+    copy_level(level.fields, at_midpoints_, point_);
     const SweepResult result = sweep_(std::as_const(point_).pointers(), level.slopes, {}, 0.0, {}, {});
     constexpr double none = std::numeric_limits<double>::quiet_NaN();
     return {result.finite ? result.energy : none, none};
@@ -203,6 +203,7 @@ protected:
                  Collocation collocation = Collocation::nodes)
       : StepEquation(system.field_count(), grid.size()),
         system_(system),
+        at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, collocation),
         point_(rows_) {}
 
@@ -216,6 +217,7 @@ protected:
   MultisymplecticSystem system_;
 
 private:
+  std::vector<bool> at_midpoints_;
   CellSweep sweep_;
   grids::FieldSet point_;
 };

@@ -266,11 +266,7 @@ void GaussStep::begin_at_level() {
   }
   rest_gradient_(grid_.size(), places_.after(std::as_const(level_F_).pointers(), inputs_),
                  rest_grid_.pointers().first(F_.size()));
-  std::vector<const double*> rows;
-  for (std::size_t f = 0; f < F_.size(); ++f) {
-    rows.push_back(std::as_const(rest_grid_).field(static_cast<int>(f)).data());
-  }
-  points_F_.from_points(rows, rest_);
+  points_F_.from_points(std::as_const(rest_grid_).pointers().first(F_.size()), rest_);
   for (int f = static_cast<int>(F_.size()) - 1; f >= 0; --f) {
     for (int i = m_ - 1; i >= 0; --i) {
       if (varying(f, i) != f) {

@@ -30,6 +30,14 @@ LevelHistory::LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes) : 
   }
 }
 
+void LevelHistory::forget() {
+  known_ = 0;
+  for (Sample& sample : samples_) {
+    sample.time = 0.0;
+    sample.rate.fill(0.0);
+  }
+}
+
 void LevelHistory::record(double time, double h, const grids::FieldSet& delta) {
   std::rotate(samples_.begin(), samples_.end() - 1, samples_.end());
   Sample& sample = samples_.front();

@@ -18,6 +18,7 @@ public:
   LevelHistory(std::vector<bool> at_midpoints, std::size_t nodes);
 
   [[nodiscard]] bool empty() const { return known_ == 0; }
+  void forget();
 
   /// A sample at a time relative to the current level; the oldest one falls out.
   void record(double time, double h, const grids::FieldSet& delta);

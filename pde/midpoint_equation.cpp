@@ -1,7 +1,9 @@
 #include <rubato/pde/step_equation.hpp>
 
 #include <algorithm>
+#include <array>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include <rubato/grids/reductions.hpp>
@@ -61,10 +63,11 @@ private:
   /// At point_, with the rates in delta_ but for fields at midpoints, which have none.
   SweepResult sweep(const PotentialSlopes& slopes, double inverse_h, std::span<double* const> residual) {
     const auto all = std::as_const(delta_).pointers();
-    std::vector<const double*> rates(all.begin(), all.end());
-    for (std::size_t f = 0; f < rates.size(); ++f) {
-      rates[f] = at_midpoints_[f] ? nullptr : rates[f];
+    std::array<const double*, MultisymplecticSystem::most_fields> of_fields{};
+    for (std::size_t f = 0; f < all.size(); ++f) {
+      of_fields[f] = at_midpoints_[f] ? nullptr : all[f];
     }
+    const auto rates = std::span<const double* const>(of_fields).first(all.size());
     SweepResult result = sweep_(std::as_const(point_).pointers(), slopes, rates, inverse_h, residual, {});
     if (!result.finite) {
       result.energy = std::numeric_limits<double>::quiet_NaN();

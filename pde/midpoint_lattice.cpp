@@ -223,7 +223,7 @@ public:
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
     level_.fields.copy_from(level.fields);
     low_.fill(0.0);
-    history_ = LevelHistory(at_midpoints_, grid_.size());
+    history_.forget();
     contraction_ = NewtonContraction();
     if (waves_ != nullptr) {
       waves_->forecast.forget();

@@ -517,13 +517,13 @@ double WaveSplitting::energy_here() {
 }
 
 void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) {
-  const auto transform = [this, &fields](const WaveRows& from, const std::vector<int>& which,
-                                         const std::vector<int>& to) {
+  const auto transform = [this, &fields](const WaveRows& from, std::span<const int> which, std::span<const int> to) {
     std::array<double*, MultisymplecticSystem::most_fields> arrays{};
     std::ranges::transform(to, arrays.begin(), [&fields](int f) { return fields.field(f).data(); });
     to_grid(from, which, fourier_, std::span(arrays).first(to.size()));
   };
-  std::vector<int> unseen, which;  // a kick has seen the varying fields at the nodes
+  std::array<int, MultisymplecticSystem::most_fields> unseen{}, which{};
+  std::size_t count = 0;  // a kick has seen the varying fields at the nodes
   for (int p = 0; p < waves_.size(); ++p) {
     const int f = waves_.evolving()[static_cast<std::size_t>(p)];
     const auto seen = std::ranges::find(varying_, p);
@@ -531,11 +531,11 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
       std::ranges::copy(std::as_const(values_).field(static_cast<int>(seen - varying_.begin())),
                         fields.field(f).begin());
     } else {
-      unseen.push_back(p);
-      which.push_back(f);
+      unseen[count] = p;
+      which[count++] = f;
     }
   }
-  transform(rows, unseen, which);
+  transform(rows, std::span(unseen).first(count), std::span(which).first(count));
   for (std::size_t o = 0; o < waves_.others().size(); ++o) {
     double *const re = work_.re.field(0).data(), *const im = work_.im.field(0).data();
     std::fill_n(re, rows.waves(), 0.0);
@@ -546,7 +546,7 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
                   std::as_const(waves_.slaves().im).field(entry).data(), rows.re.field(p).data(),
                   rows.im.field(p).data(), rows.waves(), re, im);
     }
-    transform(work_, {0}, {waves_.others()[o]});
+    transform(work_, std::array{0}, std::array{waves_.others()[o]});
   }
   grids::refresh_ghosts(fields);
 }

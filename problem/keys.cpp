@@ -44,8 +44,8 @@ constexpr std::array<TableEntry, 41> all_tables{{
     {"grid.x.sponge",
      "layers at both ends of the range that damp what comes there, for waves that leave: fields with an equation of "
      "motion are damped, at a rate that rises smoothly from 0 at the inner edge of a layer to strength at the end of "
-     "the "
-     "range. The run is not Hamiltonian; what the layers take is counted"},
+     "the range. Beside a wall that drives a field there is none. The run is not Hamiltonian; what the layers take is "
+     "counted"},
     {"parameters", "numbers and formulas of each other, in any order", "a parameter"},
     {"definitions",
      "formulas with a name, in any order: of the state, x, y, z, t, parameters and each other, wherever these are "

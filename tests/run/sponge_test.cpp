@@ -283,6 +283,66 @@ TEST_CASE("check and resume know of a sponge between walls") {
   CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
 }
 
+namespace {
+
+/// Whether the driven end of the catalogue's line sends in within 40 periods what is large far from it, where the
+/// evanescent wave of the end is not.
+bool emits(double omega, double amplitude, int cells, const Settings& more = {}) {
+  const double length = 80.0, far = 10.0;
+  const double period = 2.0 * std::acos(-1.0) / omega;
+  LatticeIntegrator lattice = make_lattice(read_problem(
+      "supratransmission",
+      joined({fmt::format("parameters.omega={}", omega), fmt::format("parameters.amplitude={:.17g}", amplitude),
+              fmt::format("grid.x.cells={}", cells), fmt::format("scheme.step={}", 40.0 / cells),
+              fmt::format("scheme.until={:.17g}", 40.0 * period)},
+             more)));
+  const auto first = static_cast<std::size_t>(std::lround(far / length * cells));
+  while (!lattice.finished()) {
+    if (lattice.step().status != Status::success) {
+      FAIL("a step failed");
+    }
+    const auto u = lattice.field(0);
+    if (std::ranges::any_of(u.subspan(first), [](double value) { return std::abs(value) > 1.0; })) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/// Geniet and Leon (2002), for the wave of a sine-Gordon breather at rest.
+double published_threshold(double omega) {
+  return 4.0 * std::atan(std::sqrt(1.0 - omega * omega) / omega);
+}
+
+/// By bisection, to 1e-3 of the published one.
+double threshold(double omega, int cells) {
+  double below = 0.9 * published_threshold(omega), above = 1.1 * published_threshold(omega);
+  REQUIRE(!emits(omega, below, cells));
+  REQUIRE(emits(omega, above, cells));
+  while (above - below > 1e-3 * published_threshold(omega)) {
+    const double middle = 0.5 * (below + above);
+    (emits(omega, middle, cells) ? above : below) = middle;
+  }
+  return 0.5 * (below + above);
+}
+
+}  // namespace
+
+TEST_CASE("a driven end emits breathers above a threshold that is converged, and near the published one", "[long]") {
+  for (const double omega : {0.7, 0.75, 0.85, 0.95}) {
+    const double coarse = threshold(omega, 400), fine = threshold(omega, 800);
+    INFO("omega " << omega << ": " << coarse << ", " << fine << ", published " << published_threshold(omega));
+    CHECK(std::abs(coarse / fine - 1.0) < 0.01);
+    // Towards smaller frequencies, whose breathers are larger, a sine is less and less the wave of one.
+    CHECK(std::abs(fine / published_threshold(omega) - 1.0) < (omega < 0.75 ? 0.07 : 0.05));
+  }
+  CHECK(std::abs(threshold(0.9, 800) / threshold(0.9, 1600) - 1.0) < 0.01);
+  // The twin: small waves have no threshold below which they stay out but their frequency.
+  const Settings linear = {"multisymplectic.S=(v^2 - w^2 + u^2)/2"};
+  CHECK(!emits(0.9, 4.0 * published_threshold(0.9), 400, linear));
+  CHECK(emits(1.1, 2.0, 400, joined(linear, {"parameters.kappa=1"})));
+}
+
 TEST_CASE("sponges are refused where there can be none, with place, reason and remedy") {
   CHECK(message({}).empty());
   CHECK_THAT(message({}, with(packet, "width = 8", "width = 15")), Contains("packet.toml:10:") && Contains("half of"));
