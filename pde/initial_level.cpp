@@ -397,10 +397,8 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
   return cautions;
 }
 
-}  // namespace
-
-static InitialLevel level_of_constraints(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                         const InitialFields& given, Collocation collocation) {
+InitialLevel level_of_constraints(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                  const InitialFields& given, Collocation collocation) {
   if (collocation == Collocation::corners) {
     LatticeLevel level = euler_box_level(system, grid, given);
     std::vector<int> computed;
@@ -449,8 +447,6 @@ static InitialLevel level_of_constraints(const MultisymplecticSystem& system, co
   auto cautions = find_cautions(system, grid, given, plan.unknowns, level);
   return {std::move(level), std::move(cautions)};
 }
-
-namespace {
 
 class SolvedConstraints final : public ConstrainedFields {
 public:

@@ -177,12 +177,13 @@ StepReport TimeLevels::first_step() {
     return result;
   }
   const bool ill_conditioned = !(result.condition <= options_.condition_limit);
+  const double terms_of_step = least_terms * std::abs(result.energy - result.potential - here.energy);
   if (potential_.active()) {
     if (ill_conditioned) {
       result.status = Status::ill_conditioned;
       return result;
     }
-    set_energy(result, least_terms * std::abs(result.energy - result.potential - here.energy));
+    set_energy(result, terms_of_step);
     result.target = energy_;
     direction_ = sign(potential_.strength);
     take_ordinary(result);
@@ -203,7 +204,7 @@ StepReport TimeLevels::first_step() {
     return flagged(result);
   }
   singular_ = false;
-  set_energy(result, least_terms * std::abs(result.energy - result.potential - here.energy));
+  set_energy(result, terms_of_step);
   result.target = scheme_.energy_target().value_or(energy_);
   direction_ = sign(result.slope * result.h);
   const double s = scheme_.order();

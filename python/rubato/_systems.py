@@ -352,6 +352,8 @@ class Lattice:
             for part, its in zip(pair, (values.real, values.imag)):
                 self._take(part, its)
             return
+        if isinstance(value, np.ma.MaskedArray):
+            raise TypeError(f"the initial {name} is a masked array, and every node needs a value: fill it by .filled()")
         if callable(value) and not isinstance(value, _symbols.Symbol):
             try:
                 value = _symbols.trace(value, list(self._grid), list(self.system._parameters), f"initial {name}")

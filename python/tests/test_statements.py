@@ -262,6 +262,10 @@ class Fields(unittest.TestCase):
                 rb.integrate(rb.Lattice(schroedinger, grid, wrong), (0, 0.5), step=0.1)
         with self.assertRaisesRegex(ValueError, "shape"):
             rb.integrate(rb.Lattice(wave, grid, {"u": np.zeros(100), "u_t": 0}), (0, 1), step=0.1)
+        hidden = np.ma.masked_array(np.zeros(101), mask=np.arange(101) == 3)
+        with self.assertRaisesRegex(TypeError, "masked"):
+            rb.Lattice(wave, grid, {"u": hidden, "u_t": 0})
+        rb.Lattice(wave, grid, {"u": hidden.filled(0.0), "u_t": 0})
         with self.assertRaisesRegex(ValueError, "nan at node 3"):
             bad = np.zeros(101)
             bad[3] = np.nan
