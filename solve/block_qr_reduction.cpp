@@ -298,7 +298,8 @@ struct Elimination {
     }
   }
 
-  void reduce(double* reduced) {
+  /// Eliminates all nodes but the first of each chunk. \param keeps_slots of each node, to substitute()
+  void sweep(bool keeps_slots) {
     load(0);
     copy(cell, shape.record(), state);
     clear(state + shape.last_row(), shape.share() - shape.last_row());
@@ -307,14 +308,19 @@ struct Elimination {
       if (step >= common) {
         copy(state, shape.record(), kept);
       }
-      eliminate(slots);
-      if (shape.borders > 0) {
-        eliminate_from_borders(slots);
+      V* const slot = slots + (keeps_slots ? step * shape.slot() : 0);
+      eliminate(slot);
+      if (shape.borders > 0 && !keeps_slots) {
+        eliminate_from_borders(slot);
       }
       if (step >= common) {
         keep_ended(step, state, kept, shape.record());
       }
     }
+  }
+
+  /// What is left of each chunk.
+  void store_reduced(double* reduced) const {
     const int size = shape.record();
     for (int l = 0; l < active(); ++l) {
       for (int j = 0; j < size; ++j) {
@@ -340,15 +346,10 @@ struct Elimination {
     }
   }
 
-  void expand(const Solution& solution) {
+  /// The eliminated nodes, by their slots.
+  void substitute(const Solution& solution) {
     const auto n = d();
     const int per_node = shape.columns * n;
-    load(0);
-    copy(cell, shape.record(), state);
-    for (std::size_t step = 1; step < steps; ++step) {
-      load(step);
-      eliminate(slots + step * shape.slot());
-    }
     V* start = spare;
     V* next = start + per_node;
     for (int l = 0; l < lanes; ++l) {
@@ -412,9 +413,18 @@ constexpr int fewest_with_sizes = 4;
 constexpr int fewest_with_sizes = 2;
 #endif
 
-/// use(Elimination<lanes, d>): the common block sizes have code of their own, with loops unrolled.
-template <class Use>
-void with_elimination(int lanes, const System& system, std::size_t first, double* workspace, const Use& use) {
+/// Reduces chunks, or where there is a solution to expand, expands it: one function, so that the elimination is
+/// compiled once. The common block sizes have code of their own, with loops unrolled.
+void eliminate(int lanes, const System& system, std::size_t first, double* workspace, double* reduced,
+               const Solution* solution) {
+  const auto use = [=](auto&& elimination) {
+    elimination.sweep(solution != nullptr);
+    if (solution != nullptr) {
+      elimination.substitute(*solution);
+    } else {
+      elimination.store_reduced(reduced);
+    }
+  };
   in_vectors(lanes, [&]<int fixed>(std::integral_constant<int, fixed>) {
     if constexpr (fixed >= fewest_with_sizes) {
       switch (system.shape.d) {
@@ -433,11 +443,11 @@ void with_elimination(int lanes, const System& system, std::size_t first, double
 }  // namespace
 
 void reduce(int lanes, const System& system, std::size_t first, double* workspace, double* reduced) {
-  with_elimination(lanes, system, first, workspace, [=](auto&& elimination) { elimination.reduce(reduced); });
+  eliminate(lanes, system, first, workspace, reduced, nullptr);
 }
 
 void expand(int lanes, const System& system, std::size_t first, double* workspace, const Solution& solution) {
-  with_elimination(lanes, system, first, workspace, [&](auto&& elimination) { elimination.expand(solution); });
+  eliminate(lanes, system, first, workspace, nullptr, &solution);
 }
 
 }  // namespace rubato::solve::chunks
