@@ -423,9 +423,17 @@ std::vector<KeyEntry> make_keys() {
   };
 }
 
-/// "grid.y" and "grid.z" are documented as "grid.x", "events." and any name as "events.NAME".
+/// "grid.y" and "grid.z", and their tables, are documented as those of "grid.x", "events." and any name as
+/// "events.NAME".
 std::string_view documented_name(std::string_view table) {
-  return table == "grid.y" || table == "grid.z" ? "grid.x" : table.starts_with("events.") ? "events.NAME" : table;
+  constexpr std::string_view x = "grid.x";
+  if (table.starts_with("grid.y") || table.starts_with("grid.z")) {
+    const auto found = std::ranges::find_if(all_tables, [&](const TableEntry& entry) {
+      return entry.name.starts_with(x) && entry.name.substr(x.size()) == table.substr(x.size());
+    });
+    return found == all_tables.end() ? table : std::string_view(found->name);
+  }
+  return table.starts_with("events.") ? "events.NAME" : table;
 }
 
 }  // namespace
