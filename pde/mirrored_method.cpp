@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -170,14 +171,19 @@ private:
 
 class MirroredEquation final : public StepEquation {
 public:
-  MirroredEquation(const Mirrors& mirrors, std::optional<DrivenNodes> driven, std::unique_ptr<StepEquation> equation,
-                   const LatticeLevel& first)
+  MirroredEquation(const MultisymplecticSystem& system, const Mirrors& mirrors, std::optional<DrivenNodes> driven,
+                   std::unique_ptr<StepEquation> equation, const LatticeLevel& first)
       : StepEquation(first.fields.fields(), mirrors.grid().size()),
         mirrors_(mirrors),
         driven_(std::move(driven)),
         equation_(std::move(equation)),
         before_(mirrors.extended(first)),
-        after_(before_) {}
+        after_(before_) {
+    // What else is held follows from these, along a wall as within.
+    std::ranges::copy_if(mirrors.held(), std::back_inserter(held_), [&](const auto& held) {
+      return !system.structure().algebraic[static_cast<std::size_t>(held.first)];
+    });
+  }
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     mirrors_.extend(level.fields, after_.fields);
@@ -201,7 +207,7 @@ private:
     mirrors_.restrict(equation_->rows(), rows_);
     if (mirrors_.is_short()) {
       // There nothing but that they stay is asked of what walls hold, and nothing of what they give.
-      for (const auto& [field, node] : mirrors_.held()) {
+      for (const auto& [field, node] : held_) {
         rows_.field(field)[node] = (after.fields.field(field)[node] - before.fields.field(field)[node]) / h;
       }
       if (driven_) {
@@ -218,6 +224,7 @@ private:
   std::optional<DrivenNodes> driven_;
   std::unique_ptr<StepEquation> equation_;
   LatticeLevel before_, after_;
+  std::vector<std::pair<int, std::size_t>> held_;  ///< of fields with an equation of motion
 };
 
 /// Residuals are those on the ring at the nodes between the walls. Totals are integrals of the densities with spectral
@@ -450,7 +457,7 @@ public:
                                                        const LatticeLevel& first, double first_step) const override {
     const Mirrors mirrors = mirrors_of(system, grid);
     return std::make_unique<MirroredEquation>(
-        mirrors, driven_nodes(system, grid),
+        system, mirrors, driven_nodes(system, grid),
         method_->equation(system, mirrors.ring(), mirrors.extended(first), first_step), first);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
