@@ -65,6 +65,14 @@ void Statistics::add_laws(std::span<const double> invariant_values, std::span<co
   add(totals, total_values);
 }
 
+void Statistics::add_balances(std::span<const double> total_values) {
+  for (std::size_t i = 0; i < totals.size(); ++i) {
+    if (is_balance(totals[i].name)) {
+      totals[i].value.add(total_values[i]);
+    }
+  }
+}
+
 void Statistics::add_step(const StepFigures& step) {
   first_h = steps == 0 ? step.h : first_h;
   ++steps;
@@ -115,7 +123,11 @@ double Statistics::off_law_deviation() const {
 }
 
 double Statistics::energy_scale() const {
-  return std::max(steps > 0 ? std::abs(energy()) : 0.0, node_energy.values.largest());
+  double scale = std::max(steps > 0 ? std::abs(energy()) : 0.0, node_energy.values.largest());
+  for (const auto& [name, total] : totals) {
+    scale = is_balance(name) ? std::max(scale, total.values.largest()) : scale;
+  }
+  return scale;
 }
 
 bool Statistics::has_energy_scale() const {

@@ -55,6 +55,15 @@ struct Deviation {
   [[nodiscard]] double max() const { return has_initial() ? values.farthest(initial) : 0.0; }
 };
 
+/// The total of what a sponge has taken from the energy.
+inline constexpr std::string_view energy_lost_name = "energy_lost";
+/// Of driven walls.
+inline constexpr std::string_view wall_work_name = "work";
+/// True for totals that belong to the balance of E, and are known at every level, whatever laws are taken.
+[[nodiscard]] constexpr bool is_balance(std::string_view total) {
+  return total == energy_lost_name || total == wall_work_name;
+}
+
 /// What is known of a level.
 struct LevelFigures {
   double t = 0.0;
@@ -186,6 +195,8 @@ public:
   void add_level(const LevelFigures& level);
   /// Of the level added last, where they are taken.
   void add_laws(std::span<const double> invariant_values, std::span<const double> total_values);
+  /// Of the same level where they are not: of the totals those alone that are known at every level (is_balance).
+  void add_balances(std::span<const double> total_values);
   void add_step(const StepFigures& step);
   void add_residual(std::size_t residual, const ResidualFigures& figures);
   /// Of the step added last. \param length its length in the time of users \param logarithms of the growth of each
@@ -225,7 +236,7 @@ public:
   [[nodiscard]] double off_law_deviation() const;
   ///@}
 
-  /// max(|E|, max |H| on the orbit): what energies are relative to.
+  /// max(|E|, max |H| on the orbit, max |total| of those in its balance): what energies are relative to.
   [[nodiscard]] double energy_scale() const;
   /// True if that is more than rounding: a deviation relative to nothing says nothing.
   [[nodiscard]] bool has_energy_scale() const;

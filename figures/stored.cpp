@@ -163,11 +163,12 @@ private:
     std::vector<double> invariant_values(invariants.size()), total_values(totals.size());
     for (std::size_t k = 0; k < levels_; ++k) {
       statistics_.add_level({.t = t.at(k), .node_energy = energy.at(k), .gamma = gamma.at(k)});
+      std::ranges::transform(totals, total_values.begin(), [k](Column& column) { return column.at(k); });
       if (!taken_at(k)) {
+        statistics_.add_balances(total_values);
         continue;
       }
       std::ranges::transform(invariants, invariant_values.begin(), [k](Column& column) { return column.at(k); });
-      std::ranges::transform(totals, total_values.begin(), [k](Column& column) { return column.at(k); });
       statistics_.add_laws(invariant_values, total_values);
     }
   }

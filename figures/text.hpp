@@ -12,11 +12,6 @@
 
 namespace rubato::figures {
 
-/// The total of what a sponge has taken from the energy.
-inline constexpr std::string_view energy_lost_name = "energy_lost";
-/// Of driven walls.
-inline constexpr std::string_view wall_work_name = "work";
-
 /// Builds one JSON object. A number that is not finite has no JSON form and is left out with its key.
 class JsonObject {
 public:

@@ -102,10 +102,8 @@ void check_sponge(const Problem& problem) {
   if (pde->next) {
     refuse("[initial.next] is a level that no damping led to. Leave one of them out");
   }
-  if (problem.laws.every != 1 || !problem.levels.all()) {
-    refuse(
-        "what the layers take is counted at every level. Leave [laws] every out, and write [levels] every = 1 where "
-        "[output] has another every");
+  if (!problem.levels.all()) {
+    refuse("what the layers take is counted at every level. Write [levels] every = 1 where [output] has another every");
   }
 }
 

@@ -168,12 +168,6 @@ public:
     for (const std::string& name : exact_.names()) {
       stored_exact_.emplace_back(record, "/exact/" + name, grid_.size());
     }
-    if (law_levels_.none()) {
-      return;
-    }
-    for (std::size_t law = 1; law < laws_.count(); ++law) {  // the first is energy, the node energy
-      totals_.emplace_back(record, "/laws/totals/" + laws_.names()[law]);
-    }
     if (const auto sponge = make_sponge(problem)) {
       bare_method_ = make_bare_method(problem);
       loss_.emplace(*bare_method_, system_.without_constant(), grid_, *sponge, after_);
@@ -181,6 +175,13 @@ public:
     }
     if (problem.multisymplectic()->has_drives()) {
       work_.emplace(record, fmt::format("/laws/totals/{}", figures::wall_work_name));
+      driven_.emplace(make_wall_drives(problem), system_, grid_);
+    }
+    if (law_levels_.none()) {
+      return;
+    }
+    for (std::size_t law = 1; law < laws_.count(); ++law) {  // the first is energy, the node energy
+      totals_.emplace_back(record, "/laws/totals/" + laws_.names()[law]);
     }
     for (const std::string& name : invariants_.names()) {
       stored_invariants_.emplace_back(record, "/laws/" + name);
@@ -462,6 +463,27 @@ private:
       check_row(row, *at, gamma_known);
     }
     check_exact(row);
+    check_driven(row);
+  }
+
+  /// What walls give at a stored level.
+  void check_driven(std::size_t row) {
+    if (!driven_) {
+      return;
+    }
+    const double t = levels_.state_t[row];
+    for (const DrivenNodes::Node& node : driven_->nodes()) {
+      const DrivenNodes::Values values = driven_->at(node, t), later = driven_->at(node, t + Rounding::unit * t);
+      const auto compare = [&](int field, double expected, double other) {
+        const double found = std::as_const(after_.fields).field(field)[node.node];
+        findings_.compare(
+            stored_.path(field), row, node.node, found, expected,
+            [&] { return std::abs(other - expected) + Rounding::unit * largest_[static_cast<std::size_t>(field)]; },
+            "what a wall of [grid] gives");
+      };
+      compare(node.u, values.u, later.u);
+      compare(node.row.v, values.v, later.v);
+    }
   }
 
   void check_exact(std::size_t row) {
@@ -675,6 +697,7 @@ private:
   std::unique_ptr<LatticeMethod> bare_method_;
   std::optional<SpongeLoss> loss_;
   std::optional<SharedRows> lost_, work_;
+  std::optional<DrivenNodes> driven_;
   std::unique_ptr<StepEquation> equation_;
   OutputCheck output_;
   EventCheck events_;

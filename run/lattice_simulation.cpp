@@ -94,27 +94,30 @@ public:
     std::vector<std::string> names;
     if (!laws_.none()) {  // the first is energy, which node() gives
       std::ranges::transform(residuals_.in_cells().subspan(1), std::back_inserter(names), &Law::name);
-      if (lattice_.energy_lost()) {
-        names.emplace_back(figures::energy_lost_name);
-      }
-      if (lattice_.work()) {
-        names.emplace_back(figures::wall_work_name);
-      }
+    }
+    if (lattice_.energy_lost()) {
+      names.emplace_back(figures::energy_lost_name);
+    }
+    if (lattice_.work()) {
+      names.emplace_back(figures::wall_work_name);
     }
     return names;
   }
-  [[nodiscard]] std::span<const double> totals() override {
-    if (laws_.none()) {
-      return {};
+  [[nodiscard]] std::span<const double> totals(bool taken) override {
+    if (taken) {
+      total_values_ = residuals_.took_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
+      total_values_.erase(total_values_.begin());
+    } else {
+      total_values_.assign(laws_.none() ? 0 : residuals_.in_cells().size() - 1,
+                           std::numeric_limits<double>::quiet_NaN());
     }
-    total_values_ = residuals_.took_cells() ? lattice_.totals_after_residuals() : lattice_.totals();
     if (const auto lost = lattice_.energy_lost()) {
       total_values_.push_back(*lost);
     }
     if (const auto work = lattice_.work()) {
       total_values_.push_back(*work);
     }
-    return std::span<const double>(total_values_).subspan(1);
+    return total_values_;
   }
 
   [[nodiscard]] std::vector<Named<Spread>> errors() override {

@@ -185,18 +185,19 @@ void ObservedRun::take_level(std::size_t number, const figures::LevelFigures& le
   if (columns_.laws_taken) {
     rows_.put(*columns_.laws_taken, taken ? 1.0 : 0.0);
   }
-  const auto put = [&](const std::vector<record::Column>& columns, std::span<const double> values) {
-    for (std::size_t i = 0; i < columns.size(); ++i) {
-      rows_.put(columns[i], taken ? values[i] : std::numeric_limits<double>::quiet_NaN());
-    }
-  };
   const auto invariants = taken ? simulation_->invariants() : std::span<const double>();
-  const auto totals = taken ? simulation_->totals() : std::span<const double>();
+  const auto totals = simulation_->totals(taken);
   if (taken) {
     statistics_.add_laws(invariants, totals);
+  } else {
+    statistics_.add_balances(totals);
   }
-  put(columns_.invariants, invariants);
-  put(columns_.totals, totals);
+  for (std::size_t i = 0; i < columns_.invariants.size(); ++i) {
+    rows_.put(columns_.invariants[i], taken ? invariants[i] : std::numeric_limits<double>::quiet_NaN());
+  }
+  for (std::size_t i = 0; i < columns_.totals.size(); ++i) {
+    rows_.put(columns_.totals[i], totals[i]);
+  }
   meter_.add_level(*simulation_, number, level.node_energy, rounding);
 }
 

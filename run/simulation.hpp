@@ -93,10 +93,11 @@ public:
   /// Adds what the level, of this number, shows to the measures of the verdict. Of a shared lattice, nothing.
   virtual void measure(std::size_t number, figures::Measures& measures) = 0;
 
-  /// Totals over the domain of the densities of the local laws at the level, but for energy, which node() gives.
+  /// Totals over the domain of the densities of the local laws at the level, but for energy, which node() gives, and
+  /// of what else the balance of energy has (figures::is_balance). Those of laws that are not `taken` are not numbers.
   /// Valid until the next call.
   [[nodiscard]] virtual std::vector<std::string> total_names() const { return {}; }
-  [[nodiscard]] virtual std::span<const double> totals() { return {}; }
+  [[nodiscard]] virtual std::span<const double> totals(bool /*taken*/) { return {}; }
 
   /// The local laws, of the step just taken.
   ///@{

@@ -124,8 +124,10 @@ TEST_CASE("data between driven walls have nothing to close on, as those of a rin
   CHECK(period_of(parse_problem(ring, "ring.toml")) == 1);
 }
 
-TEST_CASE("a wall gives a plane values that depend on the place along it") {
-  const std::string plane = R"toml(
+namespace {
+
+/// A wave that both walls along x give to a plane, one way along y.
+constexpr const char* plane = R"toml(
 [multisymplectic]
 fields = ["u", "v", "a", "b"]
 M = [["u", "v", -1]]
@@ -151,6 +153,10 @@ levels = "fixed"
 step = 0.04
 until = 2
 )toml";
+
+}  // namespace
+
+TEST_CASE("a wall gives a plane values that depend on the place along it") {
   std::vector<double> errors, balances;
   for (int halvings = 0; halvings < 3; ++halvings) {
     const Outcome outcome =
@@ -170,6 +176,8 @@ until = 2
 
 TEST_CASE("records of driven walls are checked and resumed") {
   const Folder folder;
+  static_cast<void>(run(parse_problem(plane, "plane.toml", Settings{}), {.output = folder / "plane.h5", .threads = 1}));
+  CHECK(check(folder / "plane.h5").status == ExitStatus::done);
   for (const Settings& scheme : {Settings{}, driven_action}) {
     static_cast<void>(run(parse_problem(driven_breather, "driven.toml", scheme),
                           {.output = folder / "a.h5", .overwrite = true, .threads = 1}));
@@ -185,6 +193,50 @@ TEST_CASE("records of driven walls are checked and resumed") {
   }
   falsify(folder / "a.h5", "/laws/totals/work", 40, 1e-6);
   CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
+TEST_CASE("the work of walls, and what a sponge takes, are reported at every level whatever laws are taken") {
+  const Folder folder;
+  const std::string layer =
+      with(driven_breather, "right = { u = \"breather\" }", "right = \"free\", sponge = { width = 3, strength = 1 }");
+  for (const std::string& text : {std::string(driven_breather), with(layer, "[exact]\nu = \"breather\"\n", "")}) {
+    std::vector<std::vector<double>> work;
+    for (const char* every : {"1", "2", "false"}) {
+      INFO("every = " << every);
+      const Problem problem = parse_problem(text, "driven.toml", Settings{fmt::format("laws.every={}", every)});
+      const Outcome outcome = run(problem, {.output = folder / "a.h5", .overwrite = true, .threads = 1});
+      const auto found = check(folder / "a.h5");
+      CHECK(found.status == ExitStatus::done);
+      work.push_back(record::Reader(folder / "a.h5").read("/laws/totals/work"));
+      CHECK(std::ranges::all_of(work.back(), [](double value) { return std::isfinite(value); }));
+      CHECK(work.back() == work.front());
+      CHECK(work_of(found).max() == work_of(outcome).max());
+      CHECK(work_of(outcome).max() > 0.1);
+      static_cast<void>(
+          run(parse_problem(text, "driven.toml", Settings{fmt::format("laws.every={}", every), "scheme.until=3"}),
+              {.output = folder / "part.h5", .overwrite = true, .threads = 1}));
+      static_cast<void>(resume(folder / "part.h5", 8.5));
+      CHECK(record::Reader(folder / "part.h5").read("/laws/totals/work") == work.front());
+    }
+  }
+  // The twin.
+  falsify(folder / "a.h5", "/laws/totals/energy_lost", 41, 1e-6);
+  CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
+}
+
+TEST_CASE("what a driven wall gives is compared with its formula") {
+  const Folder folder;
+  static_cast<void>(run(parse_problem(driven_breather, "driven.toml", Settings{}), {.output = folder / "a.h5"}));
+  const auto wall = [&] {
+    const auto all = check(folder / "a.h5").disagreements;
+    return std::ranges::count(all, std::string("what a wall of [grid] gives"), &Disagreement::reason);
+  };
+  CHECK(wall() == 0);
+  constexpr std::size_t nodes = 61;
+  falsify(folder / "a.h5", "/states/u", 20 * nodes + nodes - 1, 1e-9);
+  CHECK(wall() == 1);
+  falsify(folder / "a.h5", "/states/v", 20 * nodes, 1e-9);
+  CHECK(wall() == 2);
 }
 
 TEST_CASE("driven walls are refused where they cannot be, and data that do not meet them reported") {

@@ -243,12 +243,45 @@ TEST_CASE("the work of a driven wall is what the line has and its sponge took") 
     balances.push_back(outcome.statistics.node_energy.max());
     // The twins: the balance needs the work and what was taken, each of them far above its error.
     CHECK(named(outcome.statistics.totals, "work").max() > 10.0 * balances.back());
+    CHECK(outcome.statistics.energy_scale() == named(outcome.statistics.totals, "work").values.largest());
     CHECK(lost(outcome) > 10.0 * balances.back());
   }
   INFO("balances " << balances[0] << ", " << balances[1] << ", " << balances[2]);
   for (std::size_t i = 0; i < 2; ++i) {
     CHECK(std::log2(balances[i] / balances[i + 1]) == Approx(2.0).margin(0.3));
   }
+}
+
+TEST_CASE("layers across a driven wall leave what it gives") {
+  const std::string plane = R"toml(
+[multisymplectic]
+fields = ["u", "v", "a", "b"]
+M = [["u", "v", -1]]
+K.x = [["u", "a", 1]]
+K.y = [["u", "b", 1]]
+S = "(v^2 - a^2 - b^2)/2 + 1 - cos(u)"
+[grid]
+x = { from = 0, to = 6, cells = 30, left = { u = "sin(1.5*t)^3*cos(pi*y/3)" }, right = "free", sponge = { width = 3, strength = 2 } }
+y = { from = 0, to = 6, cells = 30, sponge = { width = 2, strength = 2 } }
+[initial]
+u = "0"
+v = "0"
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.05
+until = 3
+)toml";
+  const Folder folder;
+  const Outcome outcome = run(problem_of({}, plane), {.output = folder / "a.h5", .threads = 1});
+  CHECK(lost(outcome) > 0.1);
+  CHECK(check(folder / "a.h5").status == ExitStatus::done);
+  const std::vector<double> u = last_row(record::Reader(folder / "a.h5"), "/states/u");
+  const double given = std::pow(std::sin(4.5), 3);
+  CHECK(u[0] == Approx(given));  // where the layer along y is strongest
+  CHECK(u[15 * 31] == Approx(-given));
+  // The twin: one node inside, it is damped.
+  CHECK(std::abs(u[1] / u[15 * 31 + 1]) < 0.9);
 }
 
 TEST_CASE("check and resume know of a sponge between walls") {
@@ -351,7 +384,7 @@ TEST_CASE("sponges are refused where there can be none, with place, reason and r
   CHECK_THAT(message({"grid.x.sponge.depth=-1"}), Contains("depth"));
   CHECK_THAT(message({"scheme.frame.velocity=0.5"}), Contains("frame"));
   CHECK_THAT(message({"grid.x.jump.u=0.5"}), Contains("jump"));
-  CHECK_THAT(message({"laws.every=2"}), Contains("every level"));
+  CHECK_THAT(message({"output.every=2"}), Contains("every level"));
   CHECK(message({"grid.x.sponge.width=11"}, driven_line).empty());  // one layer
   CHECK_THAT(message({"grid.x.sponge.width=12"}, driven_line), Contains("sponge") && Contains("less than the range"));
   CHECK_THAT(message({}, with(driven_line, "right = \"free\"", "right = { u = \"sin(t)\" }")),
