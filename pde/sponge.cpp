@@ -116,9 +116,8 @@ private:
     for (int f = 0; f < increment_.fields(); ++f) {
       const auto before = from.fields.field(f), after = to.fields.field(f);
       const auto out = increment_.field(f);
-      for (std::size_t i = 0; i < out.size(); ++i) {
-        out[i] = at_midpoints(f) ? after[i] : after[i] - before[i];
-      }
+      const double of_before = at_midpoints(f) ? 0.0 : 1.0;
+      std::ranges::transform(after, before, out.begin(), [=](double a, double b) { return a - of_before * b; });
     }
   }
   /// The end of ψ_h, by the increment of the last step.
@@ -127,9 +126,8 @@ private:
     for (int f = 0; f < increment_.fields(); ++f) {
       const auto from = std::as_const(start_.fields).field(f), by = std::as_const(increment_).field(f);
       const auto to = next_.fields.field(f);
-      for (std::size_t i = 0; i < to.size(); ++i) {
-        to[i] = at_midpoints(f) ? by[i] : from[i] + ratio * by[i];
-      }
+      const double of_from = at_midpoints(f) ? 0.0 : 1.0, of_by = at_midpoints(f) ? 1.0 : ratio;
+      std::ranges::transform(from, by, to.begin(), [=](double a, double b) { return of_from * a + of_by * b; });
     }
     return next_;
   }
