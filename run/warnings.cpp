@@ -49,6 +49,13 @@ private:
           observed_.undefined_outputs(), observed_.outputs(),
           problem_.output.quantities.empty() ? "" : "a formula of [output.quantities] left its domain, or "));
     }
+    // With time_scale what time a run comes to is known at its end.
+    if (const std::size_t times = problem_.output.times.size();
+        simulation().finished() && observed_.outputs() < times) {
+      warnings_.push_back(fmt::format(
+          "{} of {} output times lie beyond the end of the run at t = {:.10g}: raise until, which is a fictitious time",
+          times - observed_.outputs(), times, simulation().clock()));
+    }
     const Scheme& scheme = problem_.scheme;
     for (std::string& sentence : statistics_.undefined_quantities()) {
       warnings_.push_back(std::move(sentence));
@@ -72,7 +79,8 @@ private:
     if (const double part = statistics_.potential.largest() / terms; part > large_potential) {
       warnings_.push_back(fmt::format(
           "the first step is too long for this orbit: to keep the energy law the step potential had to become "
-          "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step",
+          "{:.2g}, which is {:.2g} of what the energy is made of; take a smaller step, or levels = \"fixed\" where the "
+          "motion speeds up after the end of the run alone",
           statistics_.potential.largest(), part));
     }
     // One that was chosen for what lies beyond the run's end may be nothing up to there.

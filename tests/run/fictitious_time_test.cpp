@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -211,6 +212,19 @@ TEST_CASE("a run in fictitious time is recorded, checked, replayed and continued
   CHECK(different_datasets(straight, stopped) == Names{});
   falsify(straight, "/states/p", 3 * 7 + 2, 1e-9);  // minus_energy at one level
   CHECK(check(straight).status == ExitStatus::contradiction);
+}
+
+TEST_CASE("in fictitious time a run says of output times that it did not come to them") {
+  const Folder folder;
+  const auto beyond = [&](const std::string& until) {
+    const Outcome ran = run_problem("kepler", folder / "a.h5",
+                                    {kepler_scale, "scheme.step=0.1", until, "output.times=[0.5, 1.0, 60.0, 61.0]"});
+    return std::ranges::count_if(ran.warnings, [](const std::string& text) {
+      return text.find("2 of 4 output times lie beyond the end of the run at t = ") != std::string::npos;
+    });
+  };
+  CHECK(beyond("scheme.until=20") == 1);
+  CHECK(beyond("scheme.until=200") == 0);  // the twin: it comes to all of them
 }
 
 TEST_CASE("time scales that cannot be are refused with the place") {
