@@ -20,14 +20,18 @@ namespace rubato::formula {
 namespace batch {
 
 std::span<const NamedKernel> kernels() {
+#if defined(__x86_64__)
   static const std::array<NamedKernel, 3> all = [] {
     __builtin_cpu_init();
     const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
                         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-    return std::array<NamedKernel, 3>{{{"sse2", 2, run_sse2, true},
+    return std::array<NamedKernel, 3>{{{"sse2", 2, run_pair, true},
                                        {"avx2", 4, run_avx2, __builtin_cpu_supports("avx2") != 0},
                                        {"avx512", 8, run_avx512, avx512}}};
   }();
+#else
+  static const std::array<NamedKernel, 1> all{{{"neon64", 2, run_pair, true}}};
+#endif
   return all;
 }
 

@@ -90,7 +90,7 @@ private:
   Places bound_;
 };
 
-/// "sse2", "avx2" or "avx512": what the batches of this process use.
+/// "sse2", "avx2", "avx512" or "neon64": what the batches of this process use.
 [[nodiscard]] std::string_view simd_name();
 
 }  // namespace rubato::formula

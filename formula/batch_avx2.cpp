@@ -1,4 +1,5 @@
 // Compiled for avx2; the flags are set in cmake/FormulaKernels.cmake.
+#if defined(__x86_64__)
 #define RUBATO_XSIMD_NAMESPACE rubato_xsimd_avx2
 #define RUBATO_XSIMD_ARCH avx2
 #include <rubato/formula/batch_kernel.ipp>
@@ -10,3 +11,5 @@ void run_avx2(const Block& block) {
 }
 
 }  // namespace rubato::formula::batch
+
+#endif

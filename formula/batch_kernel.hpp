@@ -26,9 +26,11 @@ struct Block {
 
 using Kernel = void (*)(const Block&);
 
-void run_sse2(const Block& block);
+void run_pair(const Block& block);
+#if defined(__x86_64__)
 void run_avx2(const Block& block);
 void run_avx512(const Block& block);
+#endif
 
 struct NamedKernel {
   const char* name;

@@ -72,9 +72,12 @@ bool has_kink(Kind kind) {
 
 const taylor::Kernel& kernel() {
   static const taylor::Kernel best = [] {
-    __builtin_cpu_init();
-    const bool narrow = lanes_asked_for() == 2 || !__builtin_cpu_supports("avx2");
-    return narrow ? taylor::kernel_sse2() : taylor::kernel_avx2();
+#if defined(__x86_64__)
+    if (vector_lanes() > 2) {
+      return taylor::kernel_avx2();
+    }
+#endif
+    return taylor::kernel_pair();
   }();
   return best;
 }

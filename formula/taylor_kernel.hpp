@@ -30,12 +30,13 @@ using FeedBack = void (*)(const Work& work, const double* matrix, std::size_t la
 using Finite = bool (*)(const Work& work, const std::uint32_t* some, std::size_t count, int d);
 
 struct Kernel {
-  const char* name;
   Extend extend;
   FeedBack feed_back;
   Finite finite;
 };
-[[nodiscard]] Kernel kernel_sse2();
+[[nodiscard]] Kernel kernel_pair();
+#if defined(__x86_64__)
 [[nodiscard]] Kernel kernel_avx2();
+#endif
 
 }  // namespace rubato::formula::taylor

@@ -10,12 +10,13 @@
 #include <xsimd/xsimd.hpp>
 
 #include <rubato/formula/taylor_kernel.hpp>
+#include <rubato/formula/vector_pair.hpp>
 
 namespace rubato::formula::taylor {
 namespace {
 
 using Wide = xsimd::batch<double, xsimd::RUBATO_XSIMD_ARCH>;
-using Pair = xsimd::batch<double, xsimd::sse2>;
+using Pair = xsimd::batch<double, xsimd::RUBATO_XSIMD_PAIR>;
 
 /// One or more vectors of neighbouring lanes; T is a vector or a double.
 template <typename T, int count>
