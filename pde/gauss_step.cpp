@@ -356,7 +356,8 @@ bool GaussStep::prepare(double h) {
   const double size = eigenvalues_.cwiseAbs().mean() / std::abs(h);
   const bool is_far = size > drift * radius_ || size * drift < radius_;
   if (is_far) {
-    radius_ = size;
+    // Without a past one of few, so that steps of nearly the same length take the same resolvent.
+    radius_ = is_forgetful_ ? std::pow(drift, std::round(std::log(size) / std::log(drift))) : size;
   }
   if (!has_resolvent()) {
     take_last_resolvent();

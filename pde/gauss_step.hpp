@@ -216,6 +216,7 @@ private:
       last_resolvent_;               ///< before it: a look-ahead goes from short steps to long ones and back
   std::optional<bool> is_solvable_;  ///< by resolvent_ of all ranks, if that is known
   double radius_ = 0.0;
+  bool is_forgetful_ = false;  ///< once forget_steps() was called
 
   std::uint64_t stamp_ = 0;
   grids::FieldSet high_;     ///< the level

@@ -82,6 +82,7 @@ void GaussStep::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
 
 void GaussStep::forget_steps() {
   radius_ = reference_h_ = 0.0;
+  is_forgetful_ = true;
   fixed_point_fails_at_ = std::numeric_limits<double>::infinity();
   since_fixed_point_ = 0;
   if (newton_) {

@@ -21,7 +21,6 @@ std::size_t allocations_so_far() {
 
 #ifdef RUBATO_COUNTS_ALLOCATIONS
 
-#include <array>
 #include <cmath>
 #include <memory>
 #include <string>
@@ -38,7 +37,7 @@ using namespace rubato::tests;
 namespace {
 
 /// Counts what the last of some steps allocates; the first ones make their room.
-void check_steps(const LatticeMethod& method, const grids::Grid& line, const std::array<double, 5>& lengths) {
+void check_steps(const LatticeMethod& method, const grids::Grid& line) {
   const MultisymplecticSystem system = sine_gordon();
   InitialFields initial(3);
   initial[0] = sampled(line, [](double x) { return std::exp(-x * x); });
@@ -54,7 +53,7 @@ void check_steps(const LatticeMethod& method, const grids::Grid& line, const std
     counted = allocations - before;
     stepped = stepped && status == Status::success && std::isfinite(reported);
   };
-  for (const double h : lengths) {
+  for (const double h : {0.1, 0.11, 0.1, 0.12, 0.105}) {
     step(h);
   }
   CHECK(stepped);
@@ -85,10 +84,7 @@ TEST_CASE("a step of a lattice allocates nothing") {
         for (const auto& layers : {std::shared_ptr<const Sponge>(), sponge}) {
           INFO(entry.name << ", stages " << stages << (line->has_walls() ? ", between walls" : "")
                           << (layers != nullptr ? ", with a sponge" : ""));
-          // Of another length a step with a sponge, which has no past, makes the resolvents of its waves anew.
-          check_steps(
-              *with_sponge(make_lattice_method(choice, *line), layers), *line,
-              layers != nullptr ? std::array{0.1, 0.1, 0.1, 0.1, 0.1} : std::array{0.1, 0.11, 0.1, 0.12, 0.105});
+          check_steps(*with_sponge(make_lattice_method(choice, *line), layers), *line);
         }
       }
     }
