@@ -14,6 +14,7 @@
 #include <rubato/grids/slab.hpp>
 #include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/shared_slopes.hpp>
+#include <rubato/pde/taken_levels.hpp>
 #include <rubato/pde/wall_ghosts.hpp>
 
 namespace rubato {
@@ -146,9 +147,8 @@ public:
       : system_(system),
         grid_(grid),
         map_(system, grid, stated, std::move(next), first, first_step),
-        level_(std::move(first)),
-        previous_{FieldSet(system.field_count(), grid.size()), level_.slopes},
-        trial_(system.field_count(), grid.size()),
+        levels_(std::move(first), map_.step().written(), map_.step().found(),
+                [this](LatticeLevel& level) { map_.step().write(level); }),
         kept_(map_.room_for_momenta()),
         next_kept_(map_.room_for_momenta()),
         symmetric_order_(map_.rows().is_symmetric() ? 2 : 1),
@@ -157,10 +157,10 @@ public:
     if (grid.has_ghosts()) {
       ghosts_.emplace(FieldMirrors(system, grid, Collocation::corners), grid);
     }
-    map_.step().begin(level_);
+    map_.step().begin(levels_.here());
     if (!is_its_level()) {
-      previous_.fields.copy_from(level_.fields);
-      trial_.copy_from(level_.fields);
+      levels_.before().fields.copy_from(levels_.here().fields);
+      levels_.trial().copy_from(levels_.here().fields);
     }
     if (!std::isfinite(energy_here())) {
       throw std::invalid_argument("the discrete energy of L is not finite at the initial level");
@@ -169,12 +169,22 @@ public:
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
-  [[nodiscard]] const LatticeLevel& level() const override { return reported(level_, level_is_current_); }
-  [[nodiscard]] const LatticeLevel* previous() const override { return &reported(previous_, previous_is_current_); }
+  [[nodiscard]] const LatticeLevel& level() const override { return levels_.level(); }
+  [[nodiscard]] const LatticeLevel* previous() const override {
+    return levels_.keeps_previous() ? &levels_.previous() : nullptr;
+  }
+  void forget_previous() override {
+    if (map_.step().is_explicit() && is_its_level()) {  // else steps read it
+      levels_.forget_previous();
+    }
+  }
 
   [[nodiscard]] bool solves_fully() const override { return map_.step().is_explicit(); }
   [[nodiscard]] Status advance(double h, double accuracy) override {
     ++iterations_;
+    levels_.leave();
+    const LatticeLevel& level = levels_.here();
+    FieldSet& trial = levels_.trial();
     const bool starts = at_start_ && map_.needs_start();
     if (map_.step().is_driven()) {
       map_.step().drive(start_ + (steps_ + 1.0) * h);  // levels are fixed
@@ -184,18 +194,18 @@ public:
     }
     tried_ = false;
     if (starts) {
-      if (const Status status = map_.start()(h, level_, map_.rows(), trial_); status != Status::success) {
+      if (const Status status = map_.start()(h, level, map_.rows(), trial); status != Status::success) {
         return status;
       }
-      map_.step().imply(h, level_, trial_, kept_);
-      map_.step().derive(h, level_, trial_, trial_);
-    } else if (const Status status = map_.step().advance(h, level_, kept_, accuracy, trial_);
+      map_.step().imply(h, level, trial, kept_);
+      map_.step().derive(h, level, trial, trial);
+    } else if (const Status status = map_.step().advance(h, level, kept_, accuracy, trial);
                status != Status::success) {
       return status;
     }
     tried_ = true;
     trial_h_ = h;
-    work_of_step_ = map_.step().work(h, level_, trial_);
+    work_of_step_ = map_.step().work(h, level, trial);
     energy_ = map_.step().energy() + map_.energy_constant() - (work_ + work_of_step_.before);
     return std::isfinite(energy_) ? Status::success : Status::undefined;
   }
@@ -203,9 +213,10 @@ public:
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] formula::SumSize energy_size() override {
     formula::SumSize size = tried_
-                                ? map_.step().energy_size(trial_h_, level_, trial_)
-                                : map_.step().energy_size(last_h_, is_its_level() ? level_ : previous_, level_.fields);
-    EnergyFloor(system_, grid_).raise(size, std::as_const(level_.fields).pointers());
+                                ? map_.step().energy_size(trial_h_, levels_.here(), std::as_const(levels_).trial())
+                                : map_.step().energy_size(last_h_, is_its_level() ? levels_.here() : levels_.before(),
+                                                          levels_.here().fields);
+    EnergyFloor(system_, grid_).raise(size, levels_.found_here());
     return size;
   }
   [[nodiscard]] std::size_t energy_size_period() const override { return tuning::large_size_period; }
@@ -215,7 +226,7 @@ public:
     const ActionStep& step = map_.step();
     return slope_to_leading_order()
                ? order() * (step.energy() - 0.5 * (step.energy_at_begin() + step.energy_at_end())) / trial_h_
-               : map_.step().energy_slope(trial_h_, level_, kept_, trial_);
+               : map_.step().energy_slope(trial_h_, levels_.here(), kept_, levels_.trial());
   }
   [[nodiscard]] bool slope_to_leading_order() const override { return map_.step().finds_energy_of_levels(); }
   [[nodiscard]] bool has_node_law() const override { return false; }
@@ -228,19 +239,14 @@ public:
 
   void accept() override {
     if (ghosts_) {
-      ghosts_->renew(trial_);
+      ghosts_->renew(levels_.trial());
     }
-    map_.step().keep(trial_h_, level_, trial_, next_kept_);
+    map_.step().keep(trial_h_, levels_.here(), levels_.trial(), next_kept_);
     std::swap(kept_, next_kept_);
-    std::swap(level_.fields, trial_);
-    std::swap(previous_.fields, trial_);
-    if (previous_is_current_) {
-      std::ranges::for_each(map_.step().written(), [this](int f) { trial_.forget(f); });
-    }
+    levels_.accept();
     if (ghosts_) {
-      map_.step().renew(level_, ghosts_->ranges());
+      map_.step().renew(levels_.here(), ghosts_->ranges());
     }
-    previous_is_current_ = std::exchange(level_is_current_, map_.rows().names_all());
     last_h_ = trial_h_;
     work_ += work_of_step_.before + work_of_step_.after;
     steps_ += 1.0;
@@ -249,35 +255,35 @@ public:
     start_level();
   }
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
-    level_.fields.copy_from(level.fields);
-    level_is_current_ = true;
-    // So that what is foreseen at h is `next`.
-    for (int f = 0; f < system_.field_count(); ++f) {
-      const auto here = level.fields.field(f), there = next.fields.field(f);
-      std::ranges::transform(here, there, previous_.fields.field(f).begin(),
-                             [](double a, double b) { return 2.0 * a - b; });
+    levels_.here().fields.copy_from(level.fields);
+    levels_.replace(true);
+    if (levels_.keeps_previous()) {
+      // So that what is foreseen at h is `next`.
+      for (int f = 0; f < system_.field_count(); ++f) {
+        const auto here = level.fields.field(f), there = next.fields.field(f);
+        std::ranges::transform(here, there, levels_.before().fields.field(f).begin(),
+                               [](double a, double b) { return 2.0 * a - b; });
+      }
+      levels_.replace_before(true);
     }
-    previous_is_current_ = true;
     last_h_ = h;
     at_start_ = true;
-    map_.step().begin(level_);
+    map_.step().begin(levels_.here());
     start_level();
   }
 
   void correct(const FieldSet& fields) override {
-    level_.fields.copy_from(fields);
-    level_is_current_ = map_.rows().names_all();  // what follows from others follows from these, as after restore()
-    map_.step().begin(level_);
+    levels_.here().fields.copy_from(fields);
+    levels_.replace(false);  // what follows from others follows from these, as after restore()
+    map_.step().begin(levels_.here());
   }
 
   void save(StateWriter& state) const override {
-    for (const FieldSet* set : {&level_.fields, &previous_.fields}) {
-      grids::save_whole(state, *set, map_.step().found());
-    }
+    levels_.save(state);
     if (kept_.fields() > 0) {
       grids::save_whole(state, kept_);
     }
-    save_slopes(state, level_.slopes, grid_);
+    save_slopes(state, levels_.here().slopes, grid_);
     state.write(last_h_);
     state.write(at_start_ ? 1.0 : 0.0);
     if (map_.step().is_driven()) {
@@ -285,22 +291,19 @@ public:
     }
   }
   void restore(StateReader& state) override {
-    for (FieldSet* set : {&level_.fields, &previous_.fields}) {
-      grids::restore_whole(state, *set, map_.step().found());
-    }
+    levels_.restore(state);
     if (kept_.fields() > 0) {
       grids::restore_whole(state, kept_);
     }
-    restore_slopes(state, level_.slopes, grid_);
-    previous_.slopes = level_.slopes;
+    restore_slopes(state, levels_.here().slopes, grid_);
+    levels_.before().slopes = levels_.here().slopes;
     state.read(last_h_);
     at_start_ = state.read() != 0.0;
     if (map_.step().is_driven()) {
       work_ = state.read();
       steps_ = state.read();
     }
-    level_is_current_ = previous_is_current_ = map_.rows().names_all();
-    map_.step().begin(level_);
+    map_.step().begin(levels_.here());
     start_level();
   }
 
@@ -309,9 +312,10 @@ private:
   void foresee(double h) {
     const double ratio = h / last_h_;
     for (int f = 0; f < system_.field_count(); ++f) {
-      const auto here = std::as_const(level_).fields.field(f), before = std::as_const(previous_).fields.field(f);
+      const auto here = std::as_const(levels_).here().fields.field(f),
+                 before = std::as_const(levels_.before()).fields.field(f);
       const double step = system_.structure().at_midpoints(f) ? 0.0 : ratio;
-      std::ranges::transform(here, before, trial_.field(f).begin(),
+      std::ranges::transform(here, before, levels_.trial().field(f).begin(),
                              [step](double a, double b) { return a + step * (a - b); });
     }
   }
@@ -321,20 +325,12 @@ private:
     tried_ = false;
     iterations_ = 0;
   }
-  /// A level with the fields that steps do not find.
-  [[nodiscard]] const LatticeLevel& reported(LatticeLevel& level, bool& is_reported) const {
-    if (!is_reported) {
-      map_.step().write(level);
-      is_reported = true;
-    }
-    return level;
-  }
   [[nodiscard]] double energy_here() {
     if (map_.step().finds_energy_of_levels()) {
       return map_.step().energy_at_begin() + map_.energy_constant();
     }
     if (!here_) {
-      here_ = map_.energy()(map_.step(), level_);
+      here_ = map_.energy()(map_.step(), levels_.here());
     }
     return *here_;
   }
@@ -343,9 +339,8 @@ private:
   grids::Grid grid_;
   mutable ActionMap map_;
   std::optional<WallGhosts> ghosts_;
-  mutable LatticeLevel level_, previous_;
-  mutable bool level_is_current_ = true, previous_is_current_ = true;
-  FieldSet trial_, kept_, next_kept_;
+  TakenLevels levels_;
+  FieldSet kept_, next_kept_;
   int symmetric_order_;
   double last_h_, trial_h_ = 0.0, energy_ = 0.0;
   ActionStep::Work work_of_step_;

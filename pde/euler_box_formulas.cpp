@@ -1,7 +1,10 @@
 #include <rubato/pde/euler_box_formulas.hpp>
 
+#include <algorithm>
 #include <array>
-#include <numeric>
+#include <cmath>
+#include <span>
+#include <utility>
 
 #include <rubato/pde/matrix_terms.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
@@ -14,88 +17,119 @@ using formula::Expression;
 using grids::SpaceOperator;
 
 /// The uniform number of the code.
-constexpr int number_of_inverse = 0;
-constexpr int lower_level = 0, upper_level = 1;
+constexpr int number_of_factor = 0;
 
 }  // namespace
 
-EulerBoxFormulas::EulerBoxFormulas(const MultisymplecticSystem& system, const grids::Grid& grid)
+EulerBoxFormulas::EulerBoxFormulas(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                   std::vector<int> derived)
     : system_(system),
       formulas_(grid),
+      derived_(std::move(derived)),
       gradient_(formula::gradient(system.expression(),
                                   std::span(system.variables()).first(static_cast<std::size_t>(system.field_count())))),
       coordinates_(PlacedCoordinates(system, grid, Within::node).values()) {}
 
-std::vector<int> EulerBoxFormulas::arrays_of(int level) const {
-  std::vector<int> arrays(static_cast<std::size_t>(system_.field_count()));
-  std::iota(arrays.begin(), arrays.end(), level * system_.field_count());
-  return arrays;
+bool EulerBoxFormulas::is_derived(int field) const {
+  return std::ranges::find(derived_, field) != derived_.end();
 }
 
-std::vector<Expression> EulerBoxFormulas::values(const std::vector<int>& arrays) {
-  std::vector<Expression> z;
-  for (const int array : arrays) {
-    z.push_back(formulas_.node(array));
+EulerBoxFormulas::FieldAt EulerBoxFormulas::of(Level level) {
+  const int first = level == Level::before ? 0 : system_.field_count();
+  return [this, first](int field, const std::array<int, 3>& offset) {
+    const auto stored = [&](int f, const std::array<int, 3>& at) { return formulas_.node(first + f, at); };
+    if (!is_derived(field)) {
+      return stored(field, offset);
+    }
+    return constraint(field, field, [&](int f, const std::array<int, 3>& further) {
+      return stored(f, shifted(offset, further));
+    });
+  };
+}
+
+Expression EulerBoxFormulas::difference(const FieldAt& z, int field, const SpaceOperator& op) {
+  Expression sum;
+  double scale = 1.0;
+  for (const auto& [offset, weight] : formulas_.weights(op)) {
+    scale = std::abs(weight);  // of both nodes: a difference of equal values is exactly 0
+    add_weighted(sum, weight / scale, z(field, offset));
+  }
+  return scale * sum;
+}
+
+Expression EulerBoxFormulas::in_place_of_fields(Expression formula, const FieldAt& z) {
+  std::vector<Expression> values;
+  for (int f = 0; f < system_.field_count(); ++f) {
+    values.push_back(z(f, {}));
   }
   for (int c = 0; c < coordinates_.fields(); ++c) {
-    z.push_back(formulas_.node(2 * system_.field_count() + c));
+    values.push_back(formulas_.node(2 * system_.field_count() + c));
   }
-  return z;
+  return formula::substitute(std::array{formula}, formulas_.graph(), system_.variables(), values).front();
 }
 
-Expression EulerBoxFormulas::row(int number, const std::vector<int>& arrays) {
-  Expression sum = formula::substitute(std::array{gradient_[static_cast<std::size_t>(number)]}, formulas_.graph(),
-                                       system_.variables(), values(arrays))
-                       .front();
+Expression EulerBoxFormulas::row(int number, const FieldAt& z) {
+  Expression sum = in_place_of_fields(gradient_[static_cast<std::size_t>(number)], z);
   for (int a = 0; a < system_.directions(); ++a) {
     for (const MatrixTerm& term : terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)])) {
-      const auto difference = [&](int field, const SpaceOperator& op) {
-        return formulas_.in_cell(op, arrays[static_cast<std::size_t>(field)]);
-      };
       if (term.row == number) {
-        add_weighted(sum, -term.value, difference(term.column, SpaceOperator::forward_difference(a)));
+        add_weighted(sum, -term.value, difference(z, term.column, SpaceOperator::forward_difference(a)));
       }
       if (term.column == number) {
-        add_weighted(sum, term.value, difference(term.row, SpaceOperator::backward_difference(a)));
+        add_weighted(sum, term.value, difference(z, term.row, SpaceOperator::backward_difference(a)));
       }
     }
   }
   return sum;
 }
 
-NodeCode EulerBoxFormulas::at_level(std::span<const int> rows) {
-  std::vector<Expression> outputs;
-  for (const int number : rows) {
-    outputs.push_back(row(number, arrays_of(lower_level)));
-  }
-  outputs.push_back(energy_density());
-  return formulas_.code(outputs);
+Expression EulerBoxFormulas::constraint(int number, int field, const FieldAt& z) {
+  const Expression rest = row(number, [&](int f, const std::array<int, 3>& offset) {
+    return f == field ? formulas_.graph().constant(0.0) : z(f, offset);
+  });
+  return rest / -system_.constant_hessian()(number, field);
+}
+
+NodeCode EulerBoxFormulas::kick(int number, int column) {
+  const FieldAt before = of(Level::before);
+  return formulas_.code(
+      std::array{before(column, {}) + formulas_.uniform(number_of_factor) * row(number, before)});
 }
 
 NodeCode EulerBoxFormulas::solve(int number, int field) {
-  std::vector<int> arrays = arrays_of(upper_level);
-  arrays[static_cast<std::size_t>(field)] = field;  // of the level before
-  return formulas_.code(std::array{formulas_.node(field) - formulas_.uniform(number_of_inverse) * row(number, arrays)});
+  const FieldAt before = of(Level::before), after = of(Level::after);
+  const Expression at_first = row(number, [&](int f, const std::array<int, 3>& offset) {
+    return f == field ? before(f, offset) : after(f, offset);
+  });
+  return formulas_.code(std::array{before(field, {}) - formulas_.uniform(number_of_factor) * at_first});
 }
 
-Expression EulerBoxFormulas::energy_density() {
-  const std::vector<Expression> z = values(arrays_of(lower_level));
-  Expression density =
-      formula::substitute(std::array{system_.expression()}, formulas_.graph(), system_.variables(), z).front();
+NodeCode EulerBoxFormulas::constraint(int number, int field) {
+  return formulas_.code(std::array{constraint(number, field, of(Level::after))});
+}
+
+NodeCode EulerBoxFormulas::energy() {
+  const FieldAt z = of(Level::after);
+  Expression density = in_place_of_fields(system_.expression(), z);
   for (int a = 0; a < system_.directions(); ++a) {
     for (const MatrixTerm& term : terms_of(system_.structure().K_plus[static_cast<std::size_t>(a)])) {
-      add_weighted(
-          density, -term.value,
-          z[static_cast<std::size_t>(term.row)] * formulas_.in_cell(SpaceOperator::forward_difference(a), term.column));
+      add_weighted(density, -term.value,
+                   z(term.row, {}) * difference(z, term.column, SpaceOperator::forward_difference(a)));
     }
   }
-  return density;
+  Expression none = formulas_.graph().constant(0.0);
+  for (int f = 0; f < system_.field_count(); ++f) {
+    if (!is_derived(f)) {
+      none = none + 0.0 * z(f, {});
+    }
+  }
+  return formulas_.code(std::array{density, none});
 }
 
-void EulerBoxFormulas::read(NodeCode& code, double inverse, const grids::FieldSet& lower,
+void EulerBoxFormulas::read(NodeCode& code, double factor, const grids::FieldSet& lower,
                             const grids::FieldSet& upper) const {
   static const PotentialSlopes none;
-  code.read({&lower, &upper, &coordinates_}, std::array{inverse}, none);
+  code.read({&lower, &upper, &coordinates_}, std::array{factor}, none);
 }
 
 }  // namespace rubato

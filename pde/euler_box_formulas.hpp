@@ -1,6 +1,7 @@
 #pragma once
 
-#include <span>
+#include <array>
+#include <functional>
 #include <vector>
 
 #include <rubato/grids/field_set.hpp>
@@ -14,33 +15,43 @@ namespace rubato {
 /// its neighbours. With R(z) = ∇S - Σ_a (K₊δ_a⁺ - K₊ᵀδ_a⁻) z:
 ///
 ///     kick:   z_c at the new level = z_c + h R_r(z)/M₊(r, c)                  where M₊ has the entry (r, c),
-///
-/// of which R_r is a formula of one level, and
-///
 ///     solve:  z_f at the new level = z_f - R_r(z')/(S''(r, f) + M₊(f, r)/h)   where S'' is constant there:
 ///
-/// z' is the new level, in which z_f is still that of the old one, so that one correction is the solution.
+/// z' is the new level, in which z_f is still that of the old one, so that one correction is the solution. A field is
+/// *derived* where its own row gives it from neighbours, S''(f, f) z_f = -R_f(z with z_f = 0): formulas have this in its
+/// place, so that no step reads or writes it.
 class EulerBoxFormulas {
 public:
-  EulerBoxFormulas(const MultisymplecticSystem& system, const grids::Grid& grid);
+  /// \param derived fields whose row is linear in the field alone, and differentiates none of them
+  EulerBoxFormulas(const MultisymplecticSystem& system, const grids::Grid& grid, std::vector<int> derived);
 
-  /// Of the level `before`: R of each of these rows, and the density of energy S - Σ_a zᵀK₊δ_a⁺z, which are made of the
-  /// same functions.
-  [[nodiscard]] NodeCode at_level(std::span<const int> rows);
+  [[nodiscard]] const std::vector<int>& derived() const { return derived_; }
+  [[nodiscard]] NodeCode kick(int row, int column);
   [[nodiscard]] NodeCode solve(int row, int field);
+  /// A constraint S''(r, f) z_f = -R_r(z with z_f = 0) with S'' constant, at the level `after`.
+  [[nodiscard]] NodeCode constraint(int row, int field);
+  /// Of the level `after`: the density of energy S - Σ_a zᵀK₊δ_a⁺z, and 0, which becomes NaN with a field that is not
+  /// finite.
+  [[nodiscard]] NodeCode energy();
 
-  /// Lets code read two levels; `inverse`: 1/(S'' + M₊/h) of a solve.
-  void read(NodeCode& code, double inverse, const grids::FieldSet& before, const grids::FieldSet& after) const;
+  /// Lets code read two levels. \param factor h/M₊ of a kick, 1/(S'' + M₊/h) of a solve
+  void read(NodeCode& code, double factor, const grids::FieldSet& before, const grids::FieldSet& after) const;
 
 private:
-  /// R of a row, with the fields at these places among the arrays of both levels.
-  [[nodiscard]] formula::Expression row(int number, const std::vector<int>& arrays);
-  [[nodiscard]] formula::Expression energy_density();
-  [[nodiscard]] std::vector<formula::Expression> values(const std::vector<int>& arrays);
-  [[nodiscard]] std::vector<int> arrays_of(int level) const;
+  enum class Level { before, after };
+  /// A field at a level, so many nodes further.
+  using FieldAt = std::function<formula::Expression(int field, const std::array<int, 3>& offset)>;
+  [[nodiscard]] FieldAt of(Level level);
+  [[nodiscard]] formula::Expression difference(const FieldAt& z, int field, const grids::SpaceOperator& op);
+  /// R of a row.
+  [[nodiscard]] formula::Expression row(int number, const FieldAt& z);
+  [[nodiscard]] formula::Expression constraint(int row, int field, const FieldAt& z);
+  [[nodiscard]] formula::Expression in_place_of_fields(formula::Expression formula, const FieldAt& z);
+  [[nodiscard]] bool is_derived(int field) const;
 
   MultisymplecticSystem system_;
   NodeFormulas formulas_;
+  std::vector<int> derived_;
   std::vector<formula::Expression> gradient_;  ///< ∇S
   grids::FieldSet coordinates_;
 };

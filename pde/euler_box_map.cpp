@@ -13,11 +13,11 @@
 #include <fmt/ranges.h>
 
 #include <rubato/base/all_finite.hpp>
-#include <rubato/base/wide_vectors.hpp>
 #include <rubato/grids/box_operators.hpp>
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
 
 namespace rubato {
@@ -51,102 +51,142 @@ void add_product(double factor, std::span<const double> a, std::span<const doubl
   }
 }
 
-/// to = from + factor force, at these nodes.
-RUBATO_WIDE_VECTORS void move(double factor, const double* from, const double* force, std::size_t begin,
-                              std::size_t end, double* to) {
-#pragma GCC ivdep
-  for (std::size_t i = begin; i < end; ++i) {
-    to[i] = from[i] + factor * force[i];
-  }
-}
-
 }  // namespace
 
-EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid)
+EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid, bool derives)
     : system_(system),
       grid_(grid),
       outputs_(static_cast<int>(system.hessian_code().output_count()), grid.size()),
       row_(1, grid.size()),
-      derivative_(row_),
-      scratch_(row_),
+      derivative_(1, grid.size()),
+      scratch_(1, grid.size()),
       places_(system, grid, Within::node),
-      evaluate_(system.hessian_code()),
-      formulas_(system, grid) {
+      evaluate_(system.hessian_code()) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   plan();
+  formulas_.emplace(system, grid, derives ? find_derived() : std::vector<int>());
+  for (int f = 0; f < system.field_count(); ++f) {
+    if (std::ranges::find(derived(), f) == derived().end()) {
+      found_.push_back(f);
+    }
+  }
   compile();
 }
 
 Status EulerBoxMap::start(grids::FieldSet& fields) {
   for (const LocalSolve& solve : start_solves_) {
-    if (const Status status = run(solve, 1.0, fields, fields); status != Status::success) {
+    if (solve.is_affine) {
+      NodeCode code = formulas_->constraint(solve.row, solve.field);
+      formulas_->read(code, 1.0, fields, fields);
+      double* const out[] = {fields.field(solve.field).data()};
+      code(out);
+      if (!std::isfinite(grids::max_abs(std::as_const(fields).field(solve.field)))) {
+        return Status::undefined;
+      }
+    } else if (const Status status = run(solve, 1.0, fields, fields); status != Status::success) {
       return status;
     }
   }
   return Status::success;
 }
 
-EulerBoxMap::AtLevel EulerBoxMap::room() const {
-  return {grids::FieldSet(static_cast<int>(kicks_.size()), grid_.size()), 0.0};
+/// Fields that their own row gives from neighbours, where steps read and write no array of theirs.
+std::vector<int> EulerBoxMap::find_derived() const {
+  std::vector<int> derived;
+  for (const LocalSolve& solve : solves_) {
+    if (varying_entry(solve.row, solve.field) >= 0) {
+      return {};  // iterations read all arrays
+    }
+    const auto differentiates = [&](int f) { return across(solve.row, f); };
+    if (solve.rate == 0.0 && solve.row == solve.field && linear_row(system_, solve.field) &&
+        std::ranges::none_of(derived, differentiates)) {
+      derived.push_back(solve.field);
+    }
+  }
+  return derived;
 }
 
-EulerBoxMap::AtLevel EulerBoxMap::at_level(const grids::FieldSet& fields) {
-  AtLevel at = room();
-  find(fields, at);
-  return at;
+double EulerBoxMap::energy(const grids::FieldSet& fields) {
+  if (energy_.size() == 0) {
+    energy_ = NodePass(grid_);
+    energy_.add(formulas_->energy(), {});
+  }
+  formulas_->read(energy_.code(0), 0.0, fields, fields);
+  energy_(0);
+  return grid_.cell_volume() * energy_.sums().front();
 }
 
-void EulerBoxMap::find(const grids::FieldSet& fields, AtLevel& at) {
-  formulas_.read(at_level_, 0.0, fields, fields);
-  std::array<double*, MultisymplecticSystem::most_fields + 1> outputs{};
-  const auto end = std::ranges::copy(at.forces.pointers(), outputs.begin()).out;
-  *end = row_.field(0).data();
-  at_level_(std::span(outputs.begin(), end + 1));
-  at.energy = grid_.cell_volume() * grids::sum(std::as_const(row_).field(0));
+void EulerBoxMap::write_derived(grids::FieldSet& fields) {
+  for (std::size_t i = 0; i < derived().size(); ++i) {
+    const int f = derived()[i];
+    if (derive_.size() == i) {
+      derive_.push_back(formulas_->constraint(f, f));
+    }
+    formulas_->read(derive_[i], 0.0, fields, fields);
+    double* const out[] = {fields.field(f).data()};
+    derive_[i](out);
+  }
 }
 
-Status EulerBoxMap::advance(double h, const grids::FieldSet& before, const AtLevel& at_before, grids::FieldSet& after) {
-  for (std::size_t k = 0; k < kicks_.size(); ++k) {
-    const Kick& entry = kicks_[k];
-    const double* const from = before.field(entry.column).data();
-    const double* const force = at_before.forces.field(static_cast<int>(k)).data();
-    double* const to = after.field(entry.column).data();
-    const auto take = [&](std::size_t begin, std::size_t end) {
-      grids::for_each_block(end - begin, grids::nodes_per_block, [&](std::size_t first, std::size_t last) {
-        move(h / entry.value, from, force, begin + first, begin + last, to);
-      });
+void EulerBoxMap::add_to(Turn& turn, NodeCode code, int field) const {
+  turn.pass.add(std::move(code), {system_.field_count() + field}, is_renewed(field) ? halo_.planes : 0);
+}
+
+void EulerBoxMap::make_turns() {
+  turns_.push_back({.pass = NodePass(grid_), .kicks = {}, .affine = {}});
+  for (const Kick& kick : kicks_) {
+    add_to(turns_.back(), formulas_->kick(kick.row, kick.column), kick.column);
+    turns_.back().kicks.push_back(&kick);
+  }
+  for (const LocalSolve& solve : solves_) {
+    if (!solve.is_affine) {
+      turns_.back().iterated = &solve;
+      turns_.push_back({.pass = NodePass(grid_), .kicks = {}, .affine = {}});
+    } else if (std::ranges::find(derived(), solve.field) == derived().end()) {
+      add_to(turns_.back(), formulas_->solve(solve.row, solve.field), solve.field);
+      turns_.back().affine.push_back(&solve);
+    }
+  }
+  turns_.back().pass.add(formulas_->energy(), {});
+}
+
+Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::FieldSet& after, double& energy) {
+  if (turns_.empty()) {
+    make_turns();
+  }
+  for (Turn& turn : turns_) {
+    std::size_t stage = 0;
+    const auto let = [&](double factor, const int& field) {
+      formulas_->read(turn.pass.code(stage), factor, before, after);
+      turn.pass.write(stage++, after, std::span(&field, 1));
+      ++evaluations_;
     };
-    if (is_renewed(entry.column)) {
-      grids::compute_and_refresh(after, std::span(&entry.column, 1), halo_.planes, take);
-    } else {
-      take(0, grid_.size());
+    for (const Kick* const kick : turn.kicks) {
+      let(h / kick->value, kick->column);
     }
-    ++evaluations_;
-  }
-  for (LocalSolve& solve : solves_) {
-    if (const Status status = step(solve, h, before, after); status != Status::success) {
-      return status;
+    for (const LocalSolve* const solve : turn.affine) {
+      let(1.0 / (system_.constant_hessian()(solve->row, solve->field) + solve->rate / h), solve->field);
     }
-    renew(solve.field, after);
+    if (stage < turn.pass.size()) {
+      formulas_->read(turn.pass.code(stage), 0.0, before, after);
+    }
+    if (turn.pass.size() > 0) {
+      turn.pass(0);
+    }
+    if (const LocalSolve* const solve = turn.iterated) {
+      std::ranges::copy(before.field(solve->field), after.field(solve->field).begin());
+      if (const Status status = run(*solve, h, before, after); status != Status::success) {
+        return status;
+      }
+      renew(solve->field, after);
+    }
   }
-  return Status::success;
-}
-
-/// What the row makes of its field: at once, or by iteration.
-Status EulerBoxMap::step(LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& after) {
-  if (!solve.is_affine) {
-    std::ranges::copy(before.field(solve.field), after.field(solve.field).begin());
-    return run(solve, h, before, after);
-  }
-  const double slope = system_.constant_hessian()(solve.row, solve.field) + solve.rate / h;
-  formulas_.read(solve.step, 1.0 / slope, before, after);
-  double* const out[] = {after.field(solve.field).data()};
-  solve.step(out);
-  ++evaluations_;
-  return std::isfinite(grids::max_abs(std::as_const(after).field(solve.field))) ? Status::success : Status::undefined;
+  const std::span<const double> sums = turns_.back().pass.sums();
+  energy = grid_.cell_volume() * sums[0];
+  return std::isfinite(sums[0]) && std::isfinite(sums[1]) ? Status::success : Status::undefined;
 }
 
 Status EulerBoxMap::tangent(double h, const grids::FieldSet& before, const grids::FieldSet& after,
@@ -240,7 +280,7 @@ void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, 
         }
       }
       if (!used[static_cast<std::size_t>(r)] && unknown.size() == 1 && !across(r, unknown[0])) {
-        solves.push_back({.row = r, .field = unknown[0], .rate = rate_of(r, unknown[0]), .step = {}});
+        solves.push_back({.row = r, .field = unknown[0], .rate = rate_of(r, unknown[0])});
         known[static_cast<std::size_t>(unknown[0])] = used[static_cast<std::size_t>(r)] = progress = true;
       }
     }
@@ -354,21 +394,15 @@ void EulerBoxMap::compile() {
     codes_.push_back({formula::BatchEvaluator(formula::Bytecode(outputs, system_.variables())), outputs.size()});
     return codes_.size() - 1;
   };
-  std::vector<int> rows;
   for (Kick& kick : kicks_) {
     kick.code = add(kick.row, std::nullopt);
-    rows.push_back(kick.row);
   }
   for (auto* solves : {&start_solves_, &solves_}) {
     for (LocalSolve& solve : *solves) {
       solve.is_affine = varying_entry(solve.row, solve.field) < 0;
       solve.code = add(solve.row, solve.is_affine ? std::nullopt : std::optional(solve.field));
-      if (solve.is_affine) {
-        solve.step = formulas_.solve(solve.row, solve.field);
-      }
     }
   }
-  at_level_ = formulas_.at_level(rows);
 }
 
 /// row_ = ∇S of one row, and S'' with the field that it gives into derivative_ if that varies.

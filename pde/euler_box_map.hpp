@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include <rubato/base/status.hpp>
@@ -10,6 +11,7 @@
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
+#include <rubato/variation/node_pass.hpp>
 
 namespace rubato {
 
@@ -21,22 +23,24 @@ namespace rubato {
 /// other fields, one after the other, node by node (by Newton's method where S is not quadratic in one).
 class EulerBoxMap {
 public:
+  /// \param derives whether there are derived() fields; else all are read as they are
   /// \throws std::invalid_argument if the rows cannot be put into such an order, saying which field is left; if the
   /// dimensions of grid and system differ
-  EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid);
+  EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid, bool derives = true);
 
   /// Computes the algebraic fields of a first level from the others, by the constraints at its nodes.
   [[nodiscard]] Status start(grids::FieldSet& fields);
-  /// What a level says: its energy 𝓔 = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z], and what drives the step from it.
-  struct AtLevel {
-    grids::FieldSet forces;  ///< R of each row of M₊ (EulerBoxFormulas)
-    double energy = 0.0;
-  };
-  [[nodiscard]] AtLevel at_level(const grids::FieldSet& fields);
-  [[nodiscard]] AtLevel room() const;  ///< for find()
-  void find(const grids::FieldSet& fields, AtLevel& at);
-  [[nodiscard]] Status advance(double h, const grids::FieldSet& before, const AtLevel& at_before,
-                               grids::FieldSet& after);
+  /// The energy of a level, 𝓔 = Σ ΔV [S - Σ_a zᵀK₊δ_a⁺z].
+  [[nodiscard]] double energy(const grids::FieldSet& fields);
+  /// Fields that follow from others at a level: advance() neither reads nor writes them, and energy() does not read
+  /// them. And all others.
+  ///@{
+  [[nodiscard]] const std::vector<int>& derived() const { return formulas_->derived(); }
+  [[nodiscard]] const std::vector<int>& found() const { return found_; }
+  void write_derived(grids::FieldSet& fields);
+  ///@}
+  /// \param energy receives that of the level `after`
+  [[nodiscard]] Status advance(double h, const grids::FieldSet& before, grids::FieldSet& after, double& energy);
   /// What two levels, h apart, leave of the equations that the map solves: of each row of M₊ at the level `before`, of
   /// the other rows at `after`; 0 to rounding if `after` is the image of `before`.
   void residual(double h, const grids::FieldSet& before, const grids::FieldSet& after, grids::FieldSet& rows);
@@ -70,7 +74,13 @@ private:
     double rate = 0.0;
     std::size_t code = 0;   ///< of codes_
     bool is_affine = true;  ///< S'' of the row with the field is constant
-    NodeCode step;          ///< then what the field becomes
+  };
+  /// What a step does in one pass: kicks and affine solves, and then, if it is not the last one, a solve by iteration.
+  struct Turn {
+    NodePass pass;
+    std::vector<const Kick*> kicks;
+    std::vector<const LocalSolve*> affine;
+    const LocalSolve* iterated = nullptr;
   };
 
   /// ∂S/∂z of one row, and S'' of the row with the field that it gives if that varies.
@@ -80,6 +90,9 @@ private:
   };
 
   void plan();
+  [[nodiscard]] std::vector<int> find_derived() const;
+  void make_turns();
+  void add_to(Turn& turn, NodeCode code, int field) const;
   [[nodiscard]] Halo find_halo(bool after) const;
   [[nodiscard]] bool is_renewed(int field) const;
   void renew(int field, grids::FieldSet& fields) const;
@@ -101,7 +114,6 @@ private:
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
   void kick_and_renew(const Kick& entry, double h, grids::FieldSet& fields) const;
-  [[nodiscard]] Status step(LocalSolve& solve, double h, const grids::FieldSet& before, grids::FieldSet& after);
   void correct(const LocalSolve& solve, const double* varying, double h, const grids::FieldSet& before,
                grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
@@ -115,11 +127,14 @@ private:
   PlacedCoordinates places_;
   std::vector<const double*> inputs_;  ///< the fields, then the coordinates
   formula::BatchEvaluator evaluate_;   ///< all of outputs_
-  EulerBoxFormulas formulas_;
-  NodeCode at_level_;
-  std::vector<RowCode> codes_;  ///< what kicks and solves take
+  std::vector<RowCode> codes_;         ///< what kicks and solves take
   std::vector<Kick> kicks_;
   std::vector<LocalSolve> solves_, start_solves_;
+  std::optional<EulerBoxFormulas> formulas_;  ///< by the plan
+  std::vector<int> found_;
+  std::vector<NodeCode> derive_;  ///< of derived()
+  std::vector<Turn> turns_;  ///< made with the first step
+  NodePass energy_;          ///< as this, with the first level
   Halo halo_;
   int evaluations_ = 0;
 };

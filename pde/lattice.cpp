@@ -57,7 +57,11 @@ std::unique_ptr<LatticeScheme> make_scheme(const LatticeMethod& method, const Mu
     first.fields = std::move(part);
     first.slopes = part_of(first.slopes, *options.slab);
   }
-  return method.scheme(system, part_of(grid, options), std::move(first), options.step);
+  auto scheme = method.scheme(system, part_of(grid, options), std::move(first), options.step);
+  if (!options.keeps_previous) {
+    scheme->forget_previous();
+  }
+  return scheme;
 }
 
 }  // namespace

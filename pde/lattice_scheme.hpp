@@ -39,8 +39,12 @@ public:
   virtual void write_previous(grids::FieldSet& fields) const { static_cast<void>(fields); }
   ///@}
   /// The level before the one that accept() has moved to last, where the scheme keeps it; it stands until the next
-  /// accept(). A scheme keeps it, and saves it, always or never.
+  /// accept(). A scheme keeps it, and saves it, always or never; after forget_previous(), which is called before the
+  /// first step if at all, it need not.
+  ///@{
   [[nodiscard]] virtual const LatticeLevel* previous() const { return nullptr; }
+  virtual void forget_previous() {}
+  ///@}
   /// The work that driven walls have done so far; nothing where there is none. It is not in the energies that the
   /// scheme reports.
   [[nodiscard]] virtual std::optional<double> work() const { return std::nullopt; }

@@ -92,6 +92,11 @@ void EnergyFloor::raise(formula::SumSize& size, std::span<const double* const> f
   const auto count = static_cast<double>(grids::whole_count(nodes));
   std::vector<double> sizes, waves;  // root mean squares, of the fields with the sign of the mean and of their waves
   for (const double* const values : fields) {
+    if (values == nullptr) {
+      sizes.push_back(0.0);
+      waves.push_back(0.0);
+      continue;
+    }
     const double mean = grids::sum_of(nodes, [values](std::size_t i) { return values[i]; }) / count;
     const double squares = grids::sum_of(nodes,
                                          [values, mean](std::size_t i) {

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include <malloc.h>
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
@@ -37,6 +39,15 @@ namespace {
 /// environment before main(), but after this if the program links OpenMP's static library.
 [[gnu::constructor(101)]] void wait_passively() {
   setenv("OMP_WAIT_POLICY", "passive", 0);
+}
+
+/// Large blocks are mappings of their own, which go back to the system when they are freed. By default the heap takes
+/// blocks of up to 32 MiB once one as large was freed, and keeps the room between them.
+[[gnu::constructor]] void give_large_blocks_back() {
+#ifdef M_MMAP_THRESHOLD
+  constexpr int large = 1 << 22;  // as grids::Buffer has it
+  mallopt(M_MMAP_THRESHOLD, large);
+#endif
 }
 
 using rubato::ExitStatus;

@@ -196,11 +196,13 @@ public:
   }
 
   void append_states(RowSink& sink, std::size_t /*count*/, std::size_t /*stride*/) override {
-    const std::vector<double> undefined(last_h_ == 0.0 ? lattice_.grid().size() : 0,
-                                        std::numeric_limits<double>::quiet_NaN());
     for (const auto& [field, column] : field_columns_) {
-      const bool missing = at_midpoints(field) && last_h_ == 0.0;
-      sink.append(column, missing ? std::span<const double>(undefined) : whole_(field, lattice_.level().fields.all()));
+      if (at_midpoints(field) && last_h_ == 0.0) {
+        const std::vector<double> undefined(lattice_.grid().size(), std::numeric_limits<double>::quiet_NaN());
+        sink.append(column, std::span<const double>(undefined));
+      } else {
+        sink.append(column, whole_(field, lattice_.level().fields.all()));
+      }
     }
     if (!previous_columns_.empty()) {
       sink.append(previous_t_column_, previous_t_);

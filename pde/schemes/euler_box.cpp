@@ -13,6 +13,7 @@
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/natural_sizes.hpp>
+#include <rubato/pde/taken_levels.hpp>
 
 namespace rubato {
 
@@ -24,76 +25,74 @@ public:
       : system_(system),
         grid_(grid),
         map_(system, grid),
-        level_(std::move(first)),
-        trial_(level_.fields),
-        previous_(level_),
-        here_(map_.at_level(level_.fields)),
-        there_(here_) {}
+        levels_(std::move(first), map_.derived(), map_.found(),
+                [this](LatticeLevel& level) { map_.write_derived(level.fields); }),
+        energy_(map_.energy(levels_.here().fields)) {}
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
-  [[nodiscard]] const LatticeLevel& level() const override { return level_; }
+  [[nodiscard]] const LatticeLevel& level() const override { return levels_.level(); }
 
   [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     const int counted = map_.evaluations();
-    const Status status = map_.advance(h, level_.fields, here_, trial_);
+    levels_.leave();
+    const Status status = map_.advance(h, levels_.here().fields, levels_.trial(), energy_of_trial_);
     iterations_ += map_.evaluations() - counted;
     if (status != Status::success) {
       return status;
     }
-    map_.find(trial_, there_);
-    slope_ = (there_.energy - here_.energy) / h;
+    slope_ = (energy_of_trial_ - energy_) / h;
     return std::isfinite(slope_) ? Status::success : Status::undefined;
   }
 
   [[nodiscard]] int order() const override { return 1; }
   /// It reads one level.
-  [[nodiscard]] double discrete_energy() const override { return here_.energy; }
+  [[nodiscard]] double discrete_energy() const override { return energy_; }
   /// Levels are fixed: nothing is solved to it.
   [[nodiscard]] formula::SumSize energy_size() override {
-    const double size = std::abs(here_.energy);
+    const double size = std::abs(energy_);
     formula::SumSize found{
         .terms = size, .rounding = std::numeric_limits<double>::epsilon() * size, .magnitudes = size};
-    EnergyFloor(system_, grid_).raise(found, std::as_const(level_.fields).pointers());
+    EnergyFloor(system_, grid_).raise(found, levels_.found_here());
     return found;
   }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool has_gamma() const override { return false; }
-  [[nodiscard]] NodeEnergy node() override { return {here_.energy, 0.0}; }
+  [[nodiscard]] NodeEnergy node() override { return {energy_, 0.0}; }
   [[nodiscard]] int iterations() const override { return iterations_; }
 
-  [[nodiscard]] const LatticeLevel* previous() const override { return &previous_; }
+  [[nodiscard]] const LatticeLevel* previous() const override {
+    return levels_.keeps_previous() ? &levels_.previous() : nullptr;
+  }
+  void forget_previous() override { levels_.forget_previous(); }
   void accept() override {
-    std::swap(level_.fields, trial_);
-    std::swap(previous_.fields, trial_);
-    std::swap(here_, there_);
+    levels_.accept();
+    energy_ = energy_of_trial_;
     iterations_ = 0;
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
-    level_.fields.copy_from(level.fields);
-    map_.find(level_.fields, here_);
-    iterations_ = 0;
+    levels_.here().fields.copy_from(level.fields);
+    levels_.replace(true);
+    begin();
   }
-  void save(StateWriter& state) const override {
-    grids::save_whole(state, level_.fields);
-    grids::save_whole(state, previous_.fields);
-  }
+  void save(StateWriter& state) const override { levels_.save(state); }
   void restore(StateReader& state) override {
-    grids::restore_whole(state, level_.fields);
-    grids::restore_whole(state, previous_.fields);
-    map_.find(level_.fields, here_);
-    iterations_ = 0;
+    levels_.restore(state);
+    begin();
   }
 
 private:
+  void begin() {
+    energy_ = map_.energy(levels_.here().fields);
+    iterations_ = 0;
+  }
+
   MultisymplecticSystem system_;
   grids::Grid grid_;
   EulerBoxMap map_;
-  LatticeLevel level_;
-  grids::FieldSet trial_;
-  LatticeLevel previous_;
-  EulerBoxMap::AtLevel here_, there_;  ///< of the present level and of the trial one
+  TakenLevels levels_;
+  double energy_, energy_of_trial_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
 };
@@ -101,7 +100,7 @@ private:
 class EulerBoxEquation final : public StepEquation {
 public:
   EulerBoxEquation(const MultisymplecticSystem& system, const grids::Grid& grid)
-      : StepEquation(system.field_count(), grid.size()), map_(system, grid), at_level_(map_.room()) {}
+      : StepEquation(system.field_count(), grid.size()), map_(system, grid, false) {}
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override { return {energy(level), 0.0}; }
 
@@ -115,13 +114,9 @@ public:
   }
 
 private:
-  [[nodiscard]] double energy(const LatticeLevel& level) {
-    map_.find(level.fields, at_level_);
-    return at_level_.energy;
-  }
+  [[nodiscard]] double energy(const LatticeLevel& level) { return map_.energy(level.fields); }
 
   EulerBoxMap map_;
-  EulerBoxMap::AtLevel at_level_;
 };
 
 class EulerBoxMethod final : public LatticeMethod {

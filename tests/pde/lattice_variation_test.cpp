@@ -430,8 +430,11 @@ TEST_CASE("varying the values of the euler-box action gives its map") {
     REQUIRE(map.start(first) == Status::success);
     FieldSet second(first), third(first);
     const double h = 0.03;
-    REQUIRE(map.advance(h, first, map.at_level(first), second) == Status::success);
-    REQUIRE(map.advance(h, second, map.at_level(second), third) == Status::success);
+    double energy = 0.0;
+    REQUIRE(map.advance(h, first, second, energy) == Status::success);
+    REQUIRE(map.advance(h, second, third, energy) == Status::success);
+    map.write_derived(second);
+    map.write_derived(third);
     LatticeVariation mesh(euler_box_action(system), grid);
     Parts into(d, grid.size()), from(into);
     mesh.take(first, second, h);

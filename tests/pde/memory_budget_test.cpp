@@ -111,10 +111,9 @@ TEST_CASE("a node takes no more memory than the arrays that a scheme names") {
   }
   // A row of waves has a real and an imaginary part of half as many values as there are nodes: one array.
   const Budget budget = GENERATE(values<Budget>({
-      // Data 2, level 5, two levels of u and v 4, node energy 1.
-      {.scheme = "leapfrog", .arrays = 12},
-      // Data 2, level 5, the one before 5, three levels of u and v 6, the map's rows and room 4.
-      {.scheme = "euler-box", .arrays = 22},
+      // Data 2, u and v of the level 2, and of the next one, or the derived fields of a level that is asked for, 3.
+      {.scheme = "leapfrog", .arrays = 7},
+      {.scheme = "euler-box", .arrays = 7},
       // Level 5, three levels of waves 6, two gradients 2, field, N and N' 3, a row of others 1, propagators of two
       // lengths in two parts 8, A 1, C 1.5, weights 1.5, a transform 2, derivatives of the energy 3.
       {.scheme = "splitting", .arrays = 35},
