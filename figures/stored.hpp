@@ -38,6 +38,12 @@ public:
   [[nodiscard]] std::span<const double> row(std::size_t row);
   /// The number in a row of one.
   [[nodiscard]] double at(std::size_t row) { return this->row(row).front(); }
+  /// Gives back the memory of a row that was used, if rows are read one by one.
+  void forget_long_row() {
+    if (block_ == 1) {
+      values_ = std::vector<double>();
+    }
+  }
 
 private:
   const record::Reader* reader_;

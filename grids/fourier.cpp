@@ -76,7 +76,7 @@ struct Fourier::Storage {
   std::size_t half;         ///< modes kept along x
   std::size_t real_row;     ///< doubles from row to row
   std::size_t complex_row;  ///< complex numbers from row to row
-  Buffer real;
+  std::vector<Buffer> pairs;  ///< of each thread, room for two rows
   Buffer complex;
   /// Where the grid is a slab's part: ny or nz are the planes that this rank owns, transforms across planes are those
   /// of columns, and modes are there.
@@ -95,18 +95,19 @@ struct Fourier::Storage {
         half(nx / 2 + 1),
         real_row((nx + 7) / 8 * 8),
         complex_row((half + together - 1) / together * together),
-        real(static_cast<std::size_t>(n) * ny * nz * real_row),
         complex(2 * static_cast<std::size_t>(n) * ny * nz * complex_row) {
     const Slab* const slab = Slab::of(g);
     if (slab != nullptr) {
       share(*slab, g.dimensions());
     }
+    make_room_for_threads();
+    double* const real = pairs.front().data();
     const int length = static_cast<int>(nx);
-    row_forward = make_plan([&] { return fftw_plan_dft_r2c_1d(length, real.data(), spectrum(0), FFTW_ESTIMATE); });
-    row_inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(length, spectrum(0), real.data(), FFTW_ESTIMATE); });
+    row_forward = make_plan([&] { return fftw_plan_dft_r2c_1d(length, real, spectrum(0), FFTW_ESTIMATE); });
+    row_inverse = make_plan([&] { return fftw_plan_dft_c2r_1d(length, spectrum(0), real, FFTW_ESTIMATE); });
     if (ny * nz > 1) {
       const auto pair = [&](int sign) {
-        auto* rows = reinterpret_cast<fftw_complex*>(real.data());
+        auto* rows = reinterpret_cast<fftw_complex*>(real);
         return make_plan([&] { return fftw_plan_dft_1d(length, rows, rows, sign, FFTW_ESTIMATE); });
       };
       pair_forward = pair(FFTW_FORWARD);
@@ -175,31 +176,37 @@ struct Fourier::Storage {
 
   fftw_complex* spectrum(std::size_t offset) { return reinterpret_cast<fftw_complex*>(complex.data()) + offset; }
 
-  /// The rows of `count` fields, pair by pair: use(field, first row, whether there is a second one).
+  void make_room_for_threads() {
+    while (pairs.size() < static_cast<std::size_t>(thread_count())) {
+      pairs.emplace_back(2 * real_row);
+    }
+  }
+
+  /// The rows of `count` fields, pair by pair: use(field, first row, whether there is a second one, room for both).
   template <class Use>
-  void for_each_pair(std::size_t count, Use&& use) const {
+  void for_each_pair(std::size_t count, Use&& use) {
+    make_room_for_threads();
     const std::size_t rows = ny * nz;
-    const std::size_t pairs = (rows + 1) / 2;
-    for_each_block(count * pairs, std::max<std::size_t>(1, nodes_per_block / nx),
-                   [&](std::size_t begin, std::size_t end) {
+    const std::size_t of_field = (rows + 1) / 2;
+    for_each_block(count * of_field, std::max<std::size_t>(1, nodes_per_block / nx),
+                   [&](std::size_t begin, std::size_t end, std::size_t thread) {
+                     double* const room = pairs[thread].data();
                      if (rows == 1) {  // divisions take as long as a short transform's sweep
                        for (std::size_t field = begin; field < end; ++field) {
-                         use(field, 0, false);
+                         use(field, 0, false, room);
                        }
                        return;
                      }
                      for (std::size_t unit = begin; unit < end; ++unit) {
-                       const std::size_t row = 2 * (unit % pairs);
-                       use(unit / pairs, row, row + 1 < rows);
+                       const std::size_t row = 2 * (unit % of_field);
+                       use(unit / of_field, row, row + 1 < rows, room);
                      }
                    });
   }
 
-  double* real_at(std::size_t row) { return real.data() + row * real_row; }
   double* spectrum_at(std::size_t row) { return complex.data() + 2 * row * complex_row; }
 
-  void forward(const double* first, const double* second, std::size_t row) {
-    double* z = real_at(row);
+  void forward(const double* first, const double* second, std::size_t row, double* z) {
     for (std::size_t i = 0; i < nx; ++i) {
       z[2 * i] = first[i];
       z[2 * i + 1] = second[i];
@@ -218,8 +225,7 @@ struct Fourier::Storage {
     }
   }
 
-  void inverse(std::size_t row, double factor, double* first, double* second) {
-    double* z = real_at(row);
+  void inverse(std::size_t row, double factor, double* first, double* second, double* z) {
     const double* x = spectrum_at(row);
     const double* y = spectrum_at(row + 1);
     for (std::size_t k = 1; 2 * k < nx; ++k) {  // Z_k = X_k + iY_k, Z_{n-k} = X̄_k + iȲ_k
@@ -320,14 +326,14 @@ const Fourier::Complex& Fourier::at(int field, std::size_t mode) const {
 void Fourier::forward(std::span<const double* const> values) {
   Storage& s = *storage_;
   const std::size_t rows = s.ny * s.nz;
-  s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired) {
+  s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired, double* room) {
     const double* from = values[field] + s.first_node + row * s.nx;
     const std::size_t place = field * rows + row;
     if (paired) {
-      s.forward(from, from + s.nx, place);
+      s.forward(from, from + s.nx, place, room);
     } else {
-      std::copy_n(from, s.nx, s.real_at(place));
-      fftw_execute_dft_r2c(s.row_forward.get(), s.real_at(place), s.spectrum(place * s.complex_row));
+      std::copy_n(from, s.nx, room);
+      fftw_execute_dft_r2c(s.row_forward.get(), room, s.spectrum(place * s.complex_row));
     }
   });
   if (s.y_forward) {
@@ -356,14 +362,14 @@ void Fourier::inverse(std::span<double* const> values) {
   }
   const std::size_t rows = s.ny * s.nz;
   const double factor = 1.0 / static_cast<double>(s.nodes);
-  s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired) {
+  s.for_each_pair(values.size(), [&](std::size_t field, std::size_t row, bool paired, double* room) {
     double* to = values[field] + s.first_node + row * s.nx;
     const std::size_t place = field * rows + row;
     if (paired) {
-      s.inverse(place, factor, to, to + s.nx);
+      s.inverse(place, factor, to, to + s.nx, room);
     } else {
-      fftw_execute_dft_c2r(s.row_inverse.get(), s.spectrum(place * s.complex_row), s.real_at(place));
-      scale(factor, s.real_at(place), s.nx, to);
+      fftw_execute_dft_c2r(s.row_inverse.get(), s.spectrum(place * s.complex_row), room);
+      scale(factor, room, s.nx, to);
     }
   });
 }

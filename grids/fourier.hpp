@@ -38,7 +38,7 @@ class Fourier {
 public:
   using Complex = std::complex<double>;
 
-  /// Throws std::bad_alloc. Takes about 2 · fields · size doubles.
+  /// Throws std::bad_alloc. Takes about fields · size doubles.
   ///
   /// On the grid of this thread's slab (of two or three dimensions) transforms are those of the whole lattice, all
   /// ranks taking part: each has some of the modes, and its owned nodes, of which ghosts are left alone. What

@@ -358,7 +358,7 @@ public:
         map_(system, grid, stated, std::move(next), first, first_step),
         kept_(map_.room_for_momenta()),
         in_turn_(first_step != 0.0),
-        scratch_(first.fields) {}
+        scratch_(first.fields.fields(), first.fields.size()) {}
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     map_.step().begin(level);

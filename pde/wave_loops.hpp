@@ -23,7 +23,7 @@ struct PairMatrices {
 };
 /// Takes matrices of determinant 1, as exact as double precision allows, in two parts: the first have 12 bits, so that
 /// products with them err at random only, and the rests make up for the determinant too, where the matrix turns
-/// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step.
+/// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step. d may be a.
 void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
 /// The same of a = d = cos(ωτ), b = up·sin(ωτ) and c = down·sin(ωτ), with τ for the sine where ω = 0. No d is written:
 /// it is a, and so are their rests.

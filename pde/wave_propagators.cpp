@@ -55,8 +55,20 @@ std::size_t different_drifts(const Composition& composition) {
 }  // namespace
 
 WavePropagators::WavePropagators(const LinearWaves& waves)
-    : waves_(waves), propagators_(waves.count() > many_waves ? propagators_of_many_waves : most_propagators) {
+    : waves_(waves),
+      is_one_cosine_(turns_without_diagonal()),
+      propagators_(waves.count() > many_waves ? propagators_of_many_waves : most_propagators) {
   find_frequencies();
+}
+
+/// True if A is of real pairs alone, without diagonal entries: exp(τA) has one cosine for both fields.
+bool WavePropagators::turns_without_diagonal() const {
+  const auto has_diagonal = [this](int x) {
+    return largest_of_rows(waves_.generator().re.field(x * waves_.size() + x)) > 0.0;
+  };
+  return waves_.has_real_pairs() && std::ranges::all_of(waves_.groups(), [&](const std::vector<int>& group) {
+           return group.size() == 2 && !has_diagonal(group.front()) && !has_diagonal(group.back());
+         });
 }
 
 /// Groups of two fields that turn into each other with a frequency for each wave: sines and cosines in vectors.
@@ -65,15 +77,12 @@ void WavePropagators::find_frequencies() {
     return std::as_const(waves_.generator().re).field(row * waves_.size() + column);
   };
   frequencies_ = grids::FieldSet();
-  if (!waves_.has_real_pairs() || waves_.count() > many_waves) {  // these are filled in several threads
+  if (!is_one_cosine_ || waves_.count() > many_waves) {  // these are filled in several threads
     return;
   }
   grids::FieldSet frequencies(static_cast<int>(waves_.groups().size()), waves_.count());
   for (std::size_t g = 0; g < waves_.groups().size(); ++g) {
     const int x = waves_.groups()[g].front(), y = waves_.groups()[g].back();
-    if (x == y || largest_of_rows(A(x, x)) > 0.0 || largest_of_rows(A(y, y)) > 0.0) {
-      return;
-    }
     for (std::size_t w = 0; w < frequencies.size(); ++w) {
       const double squared = -A(x, y)[w] * A(y, x)[w];
       if (!(squared >= 0.0)) {
@@ -153,6 +162,9 @@ void WavePropagators::fill(double tau, WaveRows& entries) {
         }
         for (Index i = 0; i < n; ++i) {
           for (Index j = 0; j < n; ++j) {
+            if (is_one_cosine_ && i == 1 && j == 1) {
+              continue;
+            }
             const auto row = static_cast<std::size_t>(members[static_cast<std::size_t>(i)] * waves_.size() +
                                                       members[static_cast<std::size_t>(j)]);
             entries.re.pointers()[row][w] = E(i, j).real();
@@ -166,10 +178,9 @@ void WavePropagators::fill(double tau, WaveRows& entries) {
   });
 }
 
-/// With frequencies the two cosines are one row.
 PairMatrices WavePropagators::turns(grids::FieldSet& entries, int x, int y) const {
-  const int z = frequencies_.fields() > 0 ? std::min(x, y) : y;
-  const int first = frequencies_.fields() > 0 ? z : x;
+  const int z = is_one_cosine_ ? std::min(x, y) : y;
+  const int first = is_one_cosine_ ? z : x;
   const auto entry = [&](int row, int column) {
     return entries.pointers()[static_cast<std::size_t>(row * waves_.size() + column)];
   };

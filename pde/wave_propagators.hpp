@@ -34,10 +34,11 @@ public:
   void make(const Composition& composition, double h);
   /// Of a part of that step, which is a drift.
   [[nodiscard]] const Propagator& of_part(std::size_t part) const { return propagators_[of_parts_[part]]; }
-  /// Of a real pair, in entries or rests. With frequencies the two cosines are one row.
+  /// Of a real pair, in entries or rests.
   [[nodiscard]] PairMatrices turns(grids::FieldSet& entries, int x, int y) const;
 
 private:
+  [[nodiscard]] bool turns_without_diagonal() const;
   void find_frequencies();
   void fill(double tau, WaveRows& entries);
   void fill_by_frequencies(std::span<const std::size_t> places);
@@ -46,6 +47,7 @@ private:
   [[nodiscard]] std::size_t place_of(double tau);
 
   const LinearWaves& waves_;
+  bool is_one_cosine_;            ///< whether both diagonal entries of each pair are one row
   grids::FieldSet frequencies_;   ///< ω of each group and wave, where the pairs turn and are few; none elsewhere
   grids::FieldSet of_sines_;      ///< of each such group what multiplies sin(ωτ) in its matrix: b, then c
   formula::BatchEvaluator turn_;  ///< cosine and sine of an angle

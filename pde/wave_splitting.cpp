@@ -202,7 +202,9 @@ void WaveSplitting::forget() {
 }
 
 void WaveSplitting::accept() {
-  std::swap(before_, x_);
+  if (keeps_before_) {
+    std::swap(before_, x_);
+  }
   std::swap(x_, moved_);
   first_kick_is_known_ = rest_rows_are_known_;
   if (rest_rows_are_known_) {  // the fields that N depends on are not moved by a kick

@@ -67,6 +67,8 @@ public:
   void fields_here(grids::FieldSet& fields) { write(x_, At::here, fields); }
   void fields_before(grids::FieldSet& fields) { write(before_, At::nowhere, fields); }
   ///@}
+  /// The last of these is not asked for.
+  void forget_before() { keeps_before_ = false; }
   /// Their rates where it led, and where it stands; 0 for fields without equation of motion, and for those that are not
   /// asked for (empty: all are).
   ///@{
@@ -129,6 +131,7 @@ private:
   double kicking_tau_ = 0.0;
   std::vector<int> varying_;                ///< places of the evolving fields that N depends on
   std::vector<std::size_t> kicking_;        ///< of turns: those of varying_ that are not turned
+  bool keeps_before_ = true;
   bool moved_begins_with_varying_ = false;  ///< varying_ is 0, 1, …
   Flow flow_ = Flow::none;
   PlacedCoordinates places_;

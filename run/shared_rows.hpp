@@ -57,6 +57,12 @@ public:
   /// Valid until the next call.
   [[nodiscard]] std::span<const double> row(std::size_t row);
   [[nodiscard]] double at(std::size_t row);
+  /// As StoredRows, of one process.
+  void forget_long_row() {
+    if (stored_) {
+      stored_->forget_long_row();
+    }
+  }
   /// True if a rank has a part of each row, and not all of it.
   [[nodiscard]] bool are_in_parts() const { return in_parts_; }
 

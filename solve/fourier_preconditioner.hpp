@@ -26,7 +26,7 @@ public:
   /// must be the conjugate of that of k, as it is for every real operator. Called by several threads at once.
   using Symbol = std::function<void(const std::array<std::ptrdiff_t, 3>& k, Complex* matrix)>;
 
-  /// Memory: fields² + 4 fields doubles per node, about. Throws std::invalid_argument unless 1 <= fields <= 16.
+  /// Memory: fields² + 2 fields doubles per node, about. Throws std::invalid_argument unless 1 <= fields <= 16.
   FourierPreconditioner(const grids::Grid& grid, int fields);
 
   /// Inverts the matrix of every wave once. A matrix that is singular to rounding (pivots below 1e-13 of the largest)

@@ -63,6 +63,7 @@ public:
   }
   [[nodiscard]] bool level_is_current() const override { return reported_; }
   void write_previous(grids::FieldSet& fields) const override { splitting_.fields_before(fields); }
+  void forget_previous() override { splitting_.forget_before(); }
 
   void save(StateWriter& state) const override {
     save_level(state, true);

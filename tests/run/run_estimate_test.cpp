@@ -4,7 +4,9 @@
 
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #include <rubato/base/memory.hpp>
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/problem/reader.hpp>
+#include <rubato/run/check.hpp>
 #include <rubato/run/run_estimate.hpp>
 
 #include "run/records.hpp"
@@ -36,8 +39,8 @@ Problem cubic_wave(std::string_view scheme, const std::string& cells) {
       "cubic-wave.toml");
 }
 
-/// How much a process grows that carries out the run; negative if it fails.
-double measured_memory(const Problem& problem, const std::string& file) {
+/// How much a process grows that does this; negative if it fails.
+double measured_growth(const std::function<bool()>& work) {
   ::malloc_trim(0);  // memory that was freed before counts again
   std::array<int, 2> ends{};
   REQUIRE(::pipe(ends.data()) == 0);
@@ -46,7 +49,7 @@ double measured_memory(const Problem& problem, const std::string& file) {
     const double before = peak_memory();
     double grown = -1.0;
     try {
-      if (run(problem, {.output = file, .overwrite = true, .threads = 1}).status == ExitStatus::done) {
+      if (work()) {
         grown = peak_memory() - before;
       }
     } catch (const std::exception&) {
@@ -59,6 +62,28 @@ double measured_memory(const Problem& problem, const std::string& file) {
   ::close(ends[1]);
   ::waitpid(child, nullptr, 0);
   return is_read ? grown : -1.0;
+}
+
+double measured_memory(const Problem& problem, const std::string& file) {
+  return measured_growth([&] {
+    return run(problem, {.output = file, .overwrite = true, .threads = 1}).status == ExitStatus::done;
+  });
+}
+
+/// Of the check of a record without laws and states, or with: what one node more takes.
+double bytes_of_check(bool with_all, const Folder& folder) {
+  const std::string file = folder / "record.h5";
+  const auto peak = [&](const char* cells) {
+    Problem problem = cubic_wave("leapfrog", cells);
+    if (!with_all) {
+      problem = parse_problem(problem.text + "[laws]\nevery = false\n[output]\nstates = false\n", "cubic-wave.toml");
+    }
+    REQUIRE(run(problem, {.output = file, .overwrite = true, .threads = 1}).status == ExitStatus::done);
+    const double grown = measured_growth([&] { return check(file).status == ExitStatus::done; });
+    REQUIRE(grown > 0.0);
+    return grown;
+  };
+  return (peak("72") - peak("48")) / (72.0 * 72 * 72 - 48.0 * 48 * 48);
 }
 
 }  // namespace
@@ -79,6 +104,18 @@ TEST_CASE("the memory of a lattice's run is estimated for every scheme") {
     // The twin: that of a lattice with half as many cells along each axis is not it.
     CHECK(*estimate_run(cubic_wave(method.name, "21")).memory < 0.9 * measured);
   }
+}
+
+TEST_CASE("the check of a record without laws and states takes two levels") {
+  if (std::getenv("RUBATO_SANITIZED") != nullptr) {
+    return;  // its own memory would count
+  }
+  const Folder folder;
+  // The problem's and the stored one, each of five fields, and a row that is read; a tenth for pages, and four values
+  // for what is made of no whole array.
+  constexpr double allowed = 1.1 * sizeof(double) * 11 + 32.0;
+  CHECK(bytes_of_check(false, folder) < allowed);
+  CHECK(bytes_of_check(true, folder) > allowed);  // the twin
 }
 
 TEST_CASE("a run that does not fit into memory is refused with the bytes that it takes") {
