@@ -89,10 +89,10 @@ public:
         sweep_(system, grid, collocation),
         row_rounding_(system, grid),
         low_(system.field_count(), grid.size()),
-        point_(low_),
-        delta_(low_),
-        residual_(low_),
-        correction_(low_),
+        point_(system.field_count(), grid.size()),  // no copies: those write, and take memory
+        delta_(system.field_count(), grid.size()),
+        residual_(system.field_count(), grid.size()),
+        correction_(system.field_count(), grid.size()),
         hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
         history_(at_midpoints_, grid.size()),
         largest_(at_midpoints_.size(), 0.0),
@@ -161,8 +161,8 @@ public:
   [[nodiscard]] formula::SumSize energy_size() override {
     if (size_age_ >= tuning::size_period) {
       write_increment();
-      const grids::FieldSet& point = point_;
-      make_point(0.5);
+      const grids::FieldSet& point = correction_;  // which no step goes on from
+      make_point(0.5, correction_);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
       EnergyFloor(system_, grid_).raise(size_of_energy_, point.pointers());
       size_age_ = 0;
@@ -335,12 +335,12 @@ private:
   }
 
   /// point = z + scale·δ at every node; fields at midpoints have z = 0.
-  void make_point(double scale) const {
+  void make_point(double scale, grids::FieldSet& to) const {
     for (int f = 0; f < system_.field_count(); ++f) {
       const double* high = level_.fields.field(f).data();
       const double* low = low_.field(f).data();
       const double* delta = delta_.field(f).data();
-      double* point = point_.field(f).data();
+      double* point = to.field(f).data();
       const double keep = at_midpoints_[static_cast<std::size_t>(f)] ? 0.0 : 1.0;
       grids::for_each_block(grid_.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
         for (std::size_t n = begin; n < end; ++n) {
@@ -369,8 +369,11 @@ private:
   NodeEnergy level_node(const grids::FieldSet& fields) {
     EvolvingRates rates;
     const auto rate = evolving(correction_, rates);
-    copy_level(fields, at_midpoints_, point_);
-    const grids::FieldSet& point = point_;
+    const bool is_point = std::ranges::find(at_midpoints_, true) == at_midpoints_.end();
+    if (!is_point) {
+      copy_level(fields, at_midpoints_, point_);
+    }
+    const grids::FieldSet& point = is_point ? fields : point_;
     const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
     return {result.energy, -result.quadratic};
   }
@@ -456,7 +459,7 @@ private:
     added_.fill(std::numeric_limits<double>::infinity());
     bool stalled = false;  // the corrections of all fields
     for (int iteration = 0;; ++iteration) {
-      make_point(0.5);
+      make_point(0.5, point_);
       const SweepResult result =
           sweep_(point.pointers(), level_.slopes, rate, 1.0 / h, residual_.pointers(), hessian_.pointers());
       ++iterations_;
@@ -570,8 +573,7 @@ private:
   mutable CellSweep sweep_;
   RowRounding row_rounding_;
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
-  mutable grids::FieldSet point_;
-  grids::FieldSet delta_, residual_, correction_, hessian_;
+  grids::FieldSet point_, delta_, residual_, correction_, hessian_;
   LevelHistory history_;
   std::vector<double> largest_;      ///< of |δ| of each field so far
   std::vector<double> level_sizes_;  ///< max |z| of each field; -1: not known yet

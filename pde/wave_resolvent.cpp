@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -201,9 +202,13 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   const KernelConditions conditions = step_conditions(system, 2.0 / radius);
   const KernelWaves kernel_waves(system.M(), conditions.kernel);
   const auto d = static_cast<Index>(fields_);
+  has_mirror_ = conditions.count() == 0;
   const std::size_t entries = static_cast<std::size_t>(fields_) * static_cast<std::size_t>(fields_);
-  for (std::size_t e = 0; e < entries; ++e) {  // no copies: those write, and take memory
-    adjoint_.emplace_back(points, waves_);
+  const auto follows = [&](int row, int column) { return has_mirror_ && row > column; };
+  for (int r = 0; r < fields_; ++r) {
+    for (int c = 0; c < fields_; ++c) {  // no copies: those write, and take memory
+      adjoint_.push_back(follows(r, c) ? WaveRows() : WaveRows(points, waves_));
+    }
   }
   determinant_ = WaveRows(points, waves_);
   std::vector<bool> failed(waves_, false);
@@ -261,7 +266,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
         }
         use(of_determinant, k, wave, determinant);
         for (int r = 0; r < fields_; ++r) {
-          for (int c = 0; c < fields_; ++c) {
+          for (int c = follows(r, 0) ? r : 0; c < fields_; ++c) {
             Coefficient of_entry;
             for (std::size_t j = 0; j < values.size(); ++j) {
               const Complex entry = units.columns[r] * units.rows[c] *
@@ -295,6 +300,11 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
       adjoint_[e] = WaveRows();
     }
   }
+  for (int r = 0; r < fields_; ++r) {
+    for (int c = 0; c < r && has_mirror_; ++c) {
+      zero_[place(r, c)] = zero_[place(c, r)];
+    }
+  }
 }
 
 void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
@@ -308,7 +318,12 @@ void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
 
 void WaveResolvent::entry(int row, int column, Complex mu, const WaveRows& inverse, std::size_t begin,
                           std::size_t count, double* re, double* im) const {
-  polynomial(adjoint_[place(row, column)], mu, begin, count, re, im);
+  if (has_mirror_ && row > column) {
+    polynomial(adjoint_[place(column, row)], -std::conj(mu), begin, count, re, im);
+    std::transform(im, im + count, im, std::negate());
+  } else {
+    polynomial(adjoint_[place(row, column)], mu, begin, count, re, im);
+  }
   multiply(inverse.re.field(0).data() + begin, inverse.im.field(0).data() + begin, count, re, im);
 }
 

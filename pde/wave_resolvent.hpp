@@ -21,6 +21,9 @@ namespace rubato {
 /// rank M. Their coefficients are found once for each wave, from rank M + 1 values of μ; then P⁻¹ at any other μ, that
 /// is for any step, costs a few products.
 ///
+/// M and K_a are skew and L is symmetric, so that P(μ)ᴴ = P(-μ̄): entries below the diagonal follow from those above,
+/// A_rc(μ) = conj A_cr(-μ̄), where no condition borders P.
+///
 /// Where P is singular for every μ (on the constant, and where else no derivative sees it: KdV, BBM, … in potential
 /// form), the solution meant is that in which the mean of each potential involved is 0 (step_conditions), and a right
 /// side off the range of P counts as its projection.
@@ -58,7 +61,9 @@ private:
   double radius_;
   std::size_t waves_;
   Status status_ = Status::success;
-  std::vector<WaveRows> adjoint_;  ///< [row·d + column]: coefficients of (μ/radius)^k; without rows where it is zero
+  bool has_mirror_;  ///< whether entries below the diagonal follow from those above
+  std::vector<WaveRows> adjoint_;  ///< [row·d + column]: coefficients of (μ/radius)^k; without rows where it is zero, or
+                                   ///< follows
   WaveRows determinant_;
   std::vector<bool> zero_;
 };

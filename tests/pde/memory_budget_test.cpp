@@ -114,18 +114,18 @@ TEST_CASE("a node takes no more memory than the arrays that a scheme names") {
       // Data 2, u and v of the level 2, and of the next one, or the derived fields of a level that is asked for, 3.
       {.scheme = "leapfrog", .arrays = 7},
       {.scheme = "euler-box", .arrays = 7},
-      // Level 5, three levels of waves 6, two gradients 2, field, N and N' 3, a row of others 1, propagators of two
-      // lengths in two parts 8, A 1, C 1.5, weights 1.5, a transform 2, derivatives of the energy 3.
-      {.scheme = "splitting", .arrays = 35},
+      // Level 5, two levels of waves 4, two gradients 2, field, N and N' 3, a row of others 1, propagators of two
+      // lengths in two parts, with one cosine, 6, A 1, C 1.5, weights 1.5, a transform 1, derivatives of the energy 3.
+      {.scheme = "splitting", .arrays = 29},
       // Level 5 and what it lacks 5, increments, velocities and points 15, history of four 20; sweep 15; of the Gauss
       // step: level 10, base, end and stages 15, rests and fields at stages 13, resolvent 17, forecast 14, transforms
-      // and wave numbers 8.
-      {.scheme = "fourier", .arrays = 140},
+      // and wave numbers 6.
+      {.scheme = "fourier", .arrays = 138},
       // Without history, velocities and points, with twice the stages, and with what is left of their equation.
-      {.scheme = "fourier", .stages = 2, .arrays = 140},
+      {.scheme = "fourier", .stages = 2, .arrays = 138},
       // Level 4 and what it lacks 4, the one before, increments, points, residuals, corrections 16, history of four 16,
-      // Fourier's inverse 9 and its transforms 12, residuals of the solver and Krylov vectors 12.
-      {.scheme = "box", .dimensions = 2, .few = 255, .many = 511, .arrays = 73},
+      // Fourier's inverse 9 and its transforms 6, residuals of the solver and Krylov vectors 12.
+      {.scheme = "box", .dimensions = 2, .few = 255, .many = 511, .arrays = 67},
   }));
   INFO(budget.scheme << ", " << budget.stages << " stages");
   LatticeOptions options = options_of(budget);
