@@ -91,6 +91,9 @@ public:
   [[nodiscard]] formula::SumSize energy_size(std::span<const double* const> point, const PotentialSlopes& slopes,
                                              std::span<const double> references);
 
+  /// Gives back the memory of what sweeps make of their point before they go through the cells.
+  void give_back();
+
 private:
   struct Storage;
   std::unique_ptr<Storage> storage_;

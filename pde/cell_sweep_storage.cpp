@@ -69,6 +69,19 @@ void CellSweep::Storage::make(std::span<const double* const> fields, const std::
   }
 }
 
+void CellSweep::give_back() {
+  const auto forget = [](grids::FieldSet& fields) {
+    for (int f = 0; f < fields.fields(); ++f) {
+      fields.forget(f);
+    }
+  };
+  forget(storage_->by_node);
+  for (Storage::Made* const made : {&storage_->of_point, &storage_->of_rate}) {
+    std::ranges::for_each(made->derivative, forget);
+    forget(made->mean);
+  }
+}
+
 std::unique_ptr<CellSweep::Storage::Workspace> CellSweep::Storage::make_workspace() const {
   auto work = std::make_unique<Workspace>();
   const std::size_t varying = system.varying_hessian().size();

@@ -43,6 +43,7 @@ public:
       size_of_energy_ = sweep_.energy_size(point_of(level().fields), level_.slopes, terms_at_start_);
       size_of_energy_.rounding *= stage_rounding;
       EnergyFloor(system_, grid_).raise(size_of_energy_, point_);
+      sweep_.give_back();
       size_age_ = 0;
     }
     return size_of_energy_;
@@ -65,6 +66,7 @@ protected:
       throw std::invalid_argument("S is not finite at the initial level");
     }
     terms_at_start_ = sweep_.mean_terms(point, level_.slopes);
+    sweep_.give_back();
     if (collocation == Collocation::corners) {
       at_corners_.emplace(system, grid);
     }
@@ -74,6 +76,12 @@ protected:
   [[nodiscard]] virtual double energy_at_end() const = 0;
   /// 𝓔 of the present one.
   [[nodiscard]] virtual double energy_at_start() const { return energy_of(level_.fields); }
+  /// Gives the memory of level_ back: append_level() fills it again.
+  void forget_level() {
+    for (int f = 0; f < level_.fields.fields(); ++f) {
+      level_.fields.forget(f);
+    }
+  }
   /// Fills level_ if it is not yet what the scheme stands at.
   virtual void append_level() const {}
 

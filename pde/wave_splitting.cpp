@@ -216,6 +216,16 @@ void WaveSplitting::accept() {
   rest_energy_is_known_ = rest_rows_are_known_ = false;
 }
 
+void WaveSplitting::give_back_rest() {
+  for (grids::FieldSet* const fields : {&rest_rows_.re, &rest_rows_.im, &outputs_, &turned_}) {
+    for (int f = 0; f < fields->fields(); ++f) {
+      fields->forget(f);
+    }
+  }
+  rest_at_ = At::nowhere;
+  rest_rows_are_known_ = false;
+}
+
 void WaveSplitting::save(StateWriter& state) const {
   save_waves(state, fourier_, std::as_const(x_.re));
   save_waves(state, fourier_, std::as_const(x_.im));

@@ -69,6 +69,8 @@ public:
   ///@}
   /// The last of these is not asked for.
   void forget_before() { keeps_before_ = false; }
+  /// Gives back the memory of what is known of N, which is found again where it is needed.
+  void give_back_rest();
   /// Their rates where it led, and where it stands; 0 for fields without equation of motion, and for those that are not
   /// asked for (empty: all are).
   ///@{

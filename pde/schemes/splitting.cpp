@@ -45,6 +45,9 @@ public:
   }
   void accept() override {
     splitting_.accept();
+    if (reported_ && !keeps_previous_) {  // few levels are asked for
+      forget_level();
+    }
     reported_ = false;
     grow_older();
     move();
@@ -63,7 +66,10 @@ public:
   }
   [[nodiscard]] bool level_is_current() const override { return reported_; }
   void write_previous(grids::FieldSet& fields) const override { splitting_.fields_before(fields); }
-  void forget_previous() override { splitting_.forget_before(); }
+  void forget_previous() override {
+    keeps_previous_ = false;
+    splitting_.forget_before();
+  }
 
   void save(StateWriter& state) const override {
     save_level(state, true);
@@ -83,12 +89,16 @@ private:
   [[nodiscard]] double energy_at_start() const override { return splitting_.energy_here(); }
   void append_level() const override {
     if (!reported_) {
+      if (!keeps_previous_) {
+        splitting_.give_back_rest();
+      }
       splitting_.fields_here(level_.fields);
       reported_ = true;
     }
   }
 
   mutable bool reported_ = true;  ///< level_ is where splitting_ stands
+  bool keeps_previous_ = true;
   mutable WaveSplitting splitting_;
   const Composition& composition_;
 };

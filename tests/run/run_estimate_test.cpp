@@ -19,6 +19,7 @@
 #include <rubato/problem/reader.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/run_estimate.hpp>
+#include <rubato/run/threads.hpp>
 
 #include "run/records.hpp"
 
@@ -46,6 +47,7 @@ double measured_growth(const std::function<bool()>& work) {
   REQUIRE(::pipe(ends.data()) == 0);
   const pid_t child = ::fork();
   if (child == 0) {
+    const ThreadCount one(1);  // a child has no other threads
     const double before = peak_memory();
     double grown = -1.0;
     try {
