@@ -73,9 +73,9 @@ struct Fourier::Storage {
   int fields;
   std::size_t nodes;  ///< of the whole lattice
   std::size_t nx, ny, nz;
-  std::size_t half;         ///< modes kept along x
-  std::size_t real_row;     ///< doubles from row to row
-  std::size_t complex_row;  ///< complex numbers from row to row
+  std::size_t half;           ///< modes kept along x
+  std::size_t real_row;       ///< doubles from row to row
+  std::size_t complex_row;    ///< complex numbers from row to row
   std::vector<Buffer> pairs;  ///< of each thread, room for two rows
   Buffer complex;
   /// Where the grid is a slab's part: ny or nz are the planes that this rank owns, transforms across planes are those

@@ -199,8 +199,7 @@ public:
       }
       map_.step().imply(h, level, trial, kept_);
       map_.step().derive(h, level, trial, trial);
-    } else if (const Status status = map_.step().advance(h, level, kept_, accuracy, trial);
-               status != Status::success) {
+    } else if (const Status status = map_.step().advance(h, level, kept_, accuracy, trial); status != Status::success) {
       return status;
     }
     tried_ = true;

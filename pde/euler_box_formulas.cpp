@@ -41,9 +41,8 @@ EulerBoxFormulas::FieldAt EulerBoxFormulas::of(Level level) {
     if (!is_derived(field)) {
       return stored(field, offset);
     }
-    return constraint(field, field, [&](int f, const std::array<int, 3>& further) {
-      return stored(f, shifted(offset, further));
-    });
+    return constraint(field, field,
+                      [&](int f, const std::array<int, 3>& further) { return stored(f, shifted(offset, further)); });
   };
 }
 
@@ -92,8 +91,7 @@ Expression EulerBoxFormulas::constraint(int number, int field, const FieldAt& z)
 
 NodeCode EulerBoxFormulas::kick(int number, int column) {
   const FieldAt before = of(Level::before);
-  return formulas_.code(
-      std::array{before(column, {}) + formulas_.uniform(number_of_factor) * row(number, before)});
+  return formulas_.code(std::array{before(column, {}) + formulas_.uniform(number_of_factor) * row(number, before)});
 }
 
 NodeCode EulerBoxFormulas::solve(int number, int field) {

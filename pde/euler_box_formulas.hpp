@@ -18,8 +18,8 @@ namespace rubato {
 ///     solve:  z_f at the new level = z_f - R_r(z')/(S''(r, f) + M₊(f, r)/h)   where S'' is constant there:
 ///
 /// z' is the new level, in which z_f is still that of the old one, so that one correction is the solution. A field is
-/// *derived* where its own row gives it from neighbours, S''(f, f) z_f = -R_f(z with z_f = 0): formulas have this in its
-/// place, so that no step reads or writes it.
+/// *derived* where its own row gives it from neighbours, S''(f, f) z_f = -R_f(z with z_f = 0): formulas have this in
+/// its place, so that no step reads or writes it.
 class EulerBoxFormulas {
 public:
   /// \param derived fields whose row is linear in the field alone, and differentiates none of them

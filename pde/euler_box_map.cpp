@@ -77,9 +77,13 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
 }
 
 Status EulerBoxMap::start(grids::FieldSet& fields) {
-  for (const LocalSolve& solve : start_solves_) {
+  for (std::size_t i = 0; i < start_solves_.size(); ++i) {
+    const LocalSolve& solve = start_solves_[i];
+    if (start_.size() == i) {
+      start_.push_back(solve.is_affine ? formulas_->constraint(solve.row, solve.field) : NodeCode());
+    }
     if (solve.is_affine) {
-      NodeCode code = formulas_->constraint(solve.row, solve.field);
+      NodeCode& code = start_[i];
       formulas_->read(code, 1.0, fields, fields);
       double* const out[] = {fields.field(solve.field).data()};
       code(out);

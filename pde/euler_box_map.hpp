@@ -133,8 +133,9 @@ private:
   std::optional<EulerBoxFormulas> formulas_;  ///< by the plan
   std::vector<int> found_;
   std::vector<NodeCode> derive_;  ///< of derived()
-  std::vector<Turn> turns_;  ///< made with the first step
-  NodePass energy_;          ///< as this, with the first level
+  std::vector<NodeCode> start_;   ///< of start_solves_, where they are affine; made with the first start
+  std::vector<Turn> turns_;       ///< made with the first step
+  NodePass energy_;               ///< as this, with the first level
   Halo halo_;
   int evaluations_ = 0;
 };

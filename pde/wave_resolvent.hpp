@@ -61,9 +61,9 @@ private:
   double radius_;
   std::size_t waves_;
   Status status_ = Status::success;
-  bool has_mirror_;  ///< whether entries below the diagonal follow from those above
-  std::vector<WaveRows> adjoint_;  ///< [row·d + column]: coefficients of (μ/radius)^k; without rows where it is zero, or
-                                   ///< follows
+  bool has_mirror_;                ///< whether entries below the diagonal follow from those above
+  std::vector<WaveRows> adjoint_;  ///< [row·d + column]: coefficients of (μ/radius)^k; without rows where it is zero,
+                                   ///< or follows
   WaveRows determinant_;
   std::vector<bool> zero_;
 };

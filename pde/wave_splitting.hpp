@@ -131,8 +131,8 @@ private:
   std::vector<Kick> loose_kicks_;
   const WaveRows* kicking_rows_ = nullptr;  ///< of a kick that the next turn takes along, and its τ; null: none
   double kicking_tau_ = 0.0;
-  std::vector<int> varying_;                ///< places of the evolving fields that N depends on
-  std::vector<std::size_t> kicking_;        ///< of turns: those of varying_ that are not turned
+  std::vector<int> varying_;          ///< places of the evolving fields that N depends on
+  std::vector<std::size_t> kicking_;  ///< of turns: those of varying_ that are not turned
   bool keeps_before_ = true;
   bool moved_begins_with_varying_ = false;  ///< varying_ is 0, 1, …
   Flow flow_ = Flow::none;

@@ -67,9 +67,8 @@ double measured_growth(const std::function<bool()>& work) {
 }
 
 double measured_memory(const Problem& problem, const std::string& file) {
-  return measured_growth([&] {
-    return run(problem, {.output = file, .overwrite = true, .threads = 1}).status == ExitStatus::done;
-  });
+  return measured_growth(
+      [&] { return run(problem, {.output = file, .overwrite = true, .threads = 1}).status == ExitStatus::done; });
 }
 
 /// Of the check of a record without laws and states, or with: what one node more takes.
