@@ -28,7 +28,7 @@ inline int lanes_asked_for() {
 /// Doubles that the widest vectors of this machine hold, 8, 4 or 2, or fewer if lanes_asked_for() says so.
 inline int vector_lanes() {
   static const int lanes = [] {
-    const int most = lanes_asked_for() == 0 ? 8 : lanes_asked_for();
+    [[maybe_unused]] const int most = lanes_asked_for() == 0 ? 8 : lanes_asked_for();
 #if defined(__x86_64__)
     if (most == 8 && __builtin_cpu_supports("avx512f")) {
       return 8;
@@ -67,7 +67,7 @@ template <class Work>
 /// vectors of so many doubles. Fused multiply-add is not among the instructions, so that all give the same bits.
 /// Hypothesis: 2 <= lanes <= vector_lanes().
 template <class Work>
-auto in_vectors(int lanes, const Work& work) {
+auto in_vectors([[maybe_unused]] int lanes, const Work& work) {
 #if defined(__x86_64__)
   switch (lanes) {
     case 8: return lanes_detail::with_8(work);
