@@ -356,8 +356,7 @@ public:
       : StepEquation(system.field_count(), grid.size()),
         map_(system, grid, stated, std::move(next), first, first_step),
         kept_(map_.room_for_momenta()),
-        in_turn_(first_step != 0.0),
-        scratch_(first.fields.fields(), first.fields.size()) {}
+        in_turn_(first_step != 0.0) {}
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     map_.step().begin(level);
@@ -395,12 +394,13 @@ public:
 private:
   /// The step from the first level is taken again.
   void compare_start(const LatticeLevel& before, const LatticeLevel& after, double h) {
-    scratch_.copy_from(after.fields);
-    if (map_.start()(h, before, map_.rows(), scratch_) != Status::success) {
+    FieldSet again(after.fields.fields(), after.fields.size());
+    again.copy_from(after.fields);
+    if (map_.start()(h, before, map_.rows(), again) != Status::success) {
       return;
     }
     for (const ActionRows::Row& row : map_.rows().rows()) {
-      const auto found = after.fields.field(row.field), expected = std::as_const(scratch_).field(row.field);
+      const auto found = after.fields.field(row.field), expected = std::as_const(again).field(row.field);
       std::ranges::transform(found, expected, rows_.field(row.field).begin(),
                              [h](double a, double b) { return (a - b) / h; });
     }
@@ -409,7 +409,6 @@ private:
   ActionMap map_;
   FieldSet kept_;
   bool in_turn_, at_start_ = true;
-  FieldSet scratch_;
 };
 
 class ActionTangents final : public TangentStep {

@@ -159,8 +159,6 @@ public:
         stored_(record, system_, exact_, exact_.whole(), grid_.size(), levels, findings),
         after_(make_initial_level(problem, system_, grid_)),
         before_(room()),
-        moved_before_(room()),
-        moved_after_(room()),
         largest_(static_cast<std::size_t>(system_.field_count()), 0.0),
         node_energy_(record, "/levels/node_energy"),
         gamma_(record, "/levels/gamma"),
@@ -410,10 +408,11 @@ private:
   /// Calls use(before, after) with both levels displaced as Rounding says, in each of its ways.
   template <typename Use>
   void for_each_displacement(Use&& use) {
+    LatticeLevel before = room(), after = room();
     for (int attempt = 0; attempt < Rounding::displacements; ++attempt) {
-      displace(before_, attempt, 0, moved_before_);
-      displace(after_, attempt, 1, moved_after_);
-      use(moved_before_, moved_after_);
+      displace(before_, attempt, 0, before);
+      displace(after_, attempt, 1, after);
+      use(before, after);
     }
   }
 
@@ -585,8 +584,8 @@ private:
   /// Newton's iteration ends where the error that its last correction left, as the contraction measured so far shows
   /// it, is below rounding: an estimate that is off by the contraction's own variation from one correction to the next.
   static constexpr double solver_slack = 16.0;
-  /// Where a law is evaluated at stages they are solved anew: both solutions end like that, and each wave's stages are
-  /// taken apart in a basis of their own (4).
+  /// Where a law, or E_k, is evaluated at stages they are solved anew: both solutions end like that, and each wave's
+  /// stages are taken apart in a basis of their own (4).
   static constexpr double stage_slack = 4.0 * solver_slack;
   /// In long steps, of h|N''| ≫ 1, a slow motion of all makes h² of what transforms and S round at, which is more than
   /// what rounding moves the levels by: by the logarithm of the nodes (8), the stages that it comes from (8), the
@@ -598,6 +597,7 @@ private:
   void check_step(std::size_t row, std::size_t step) {
     const double h = levels_.h[step];
     const StepLaw law = equation_->judge(before_, after_, h);
+    const double slack = std::max(law_slack_, solver_slack);  // of what the scheme solves
     if (!std::isfinite(law.energy)) {
       findings_.doubt(row);
       return;
@@ -621,7 +621,8 @@ private:
     const double others = levels_.potential_of(step) + (in_turn ? lost_at(step) : lost_at(step + 1) - taken + work);
     findings_.compare(
         "/levels/energy", step, {}, energy_.at(step), law.energy + others,
-        [&] { return tolerance(0)() + Rounding::of_sum(law.energy, others); }, "from the states around the step");
+        [&] { return (law.is_long ? stage_slack : slack) * tolerance(0)() + Rounding::of_sum(law.energy, others); },
+        "from the states around the step");
     if (loss_ && in_turn) {
       const double before = lost_->at(step);
       findings_.compare(
@@ -639,7 +640,7 @@ private:
     residual_.add(law.residual);
     findings_.count(grids::whole_of(grid_).size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {
-      equation_tolerance_ = std::max(equation_tolerance_, (law.is_long ? long_slack : solver_slack) * tolerance(1)());
+      equation_tolerance_ = std::max(equation_tolerance_, (law.is_long ? long_slack : slack) * tolerance(1)());
       if (law.residual.undefined > 0.0 || !(law.residual.largest() <= equation_tolerance_)) {
         findings_.add({.dataset = "/states",
                        .row = row,
@@ -707,7 +708,7 @@ private:
   LatticeResiduals residuals_;
   NodeTable invariants_, exact_;
   StoredLattice stored_;
-  LatticeLevel after_, before_, moved_before_, moved_after_;
+  LatticeLevel after_, before_;
   std::vector<double> largest_;  ///< of each field so far
   SharedRows node_energy_, gamma_, energy_;
   std::vector<SharedRows> totals_, stored_invariants_, stored_exact_;

@@ -34,7 +34,8 @@ Ends run_and_check(const std::string& name, const std::vector<std::string>& sett
   const Folder folder;
   const std::string file = folder / "record.h5";
   const Outcome outcome = run(read_problem(defect_file(name + ".toml"), settings), {.output = file, .threads = 1});
-  return {outcome.status, check(file).status, outcome.message};
+  const Outcome checked = check(file);
+  return {outcome.status, checked.status, outcome.message + checked.message};
 }
 
 }  // namespace
@@ -76,7 +77,7 @@ TEST_CASE("fields and components that forces move by their rounding errors alone
   };
   for (const auto& [name, settings] : runs) {
     const Ends ends = run_and_check(name, settings);
-    INFO(name << ": " << ends.message);
+    INFO(name << " " << Catch::StringMaker<std::vector<std::string>>::convert(settings) << ": " << ends.message);
     CHECK(ends.run == ExitStatus::done);
     CHECK(ends.check == ExitStatus::done);
   }

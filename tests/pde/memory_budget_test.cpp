@@ -1,3 +1,4 @@
+#include <malloc.h>
 #include <omp.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -66,6 +67,9 @@ double peak_bytes(const std::function<void()>& work) {
   const pid_t child = ::fork();
   if (child == 0) {
     omp_set_num_threads(1);  // a child has no other threads
+#ifdef M_MMAP_THRESHOLD
+    mallopt(M_MMAP_THRESHOLD, 1 << 22);  // large blocks go back to the system, as those of the program do
+#endif
     work();
     ::_exit(0);
   }
