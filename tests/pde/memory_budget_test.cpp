@@ -68,7 +68,7 @@ double peak_bytes(const std::function<void()>& work) {
   if (child == 0) {
     omp_set_num_threads(1);  // a child has no other threads
 #ifdef M_MMAP_THRESHOLD
-    mallopt(M_MMAP_THRESHOLD, 1 << 22);  // large blocks go back to the system, as those of the program do
+    mallopt(M_MMAP_THRESHOLD, 1 << 17);  // arrays go back to the system: what a heap keeps between them is by chance
 #endif
     work();
     ::_exit(0);
