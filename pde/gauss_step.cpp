@@ -560,7 +560,8 @@ GaussStep::Correction GaussStep::place_stages(std::span<const double> largest) {
     const double last = std::exchange(changes_[f], change);
     if (!noise_.empty() && change > 0.5 * last &&
         change <= roundings * epsilon * (level_sizes_[f] + moved + noise_[f])) {
-      continue;  // no sign of what the others have to go
+      changes_[f] = 0.0;  // from now on it is
+      continue;           // no sign of what the others have to go
     }
     const double scale =
         std::max({largest.empty() ? 0.0 : largest[static_cast<std::size_t>(field)], epsilon * level_sizes_[f], moved});
@@ -627,8 +628,10 @@ Status GaussStep::iterate_to_fixed_point(std::span<const double> largest) {
       return iteration == 1 ? Status::undefined : Status::not_converged;
     }
     const double contraction = size / last;
-    // Of two corrections on average: near the end each has rounding of its own.
-    const double on_average = std::isfinite(before_last) ? std::sqrt(size / before_last) : contraction;
+    // Of two corrections on average: near the end each has rounding of its own. A field that rounding alone moves can
+    // make one of them large: what follows it is no sign.
+    const double on_average =
+        std::isfinite(before_last) ? std::max(contraction, std::sqrt(size / before_last)) : contraction;
     before_last = std::exchange(last, size);
     // The stages that the step is made of come from the rests of these: the next correction is in them.
     const double next = on_average * size;

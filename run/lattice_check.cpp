@@ -597,7 +597,6 @@ private:
   void check_step(std::size_t row, std::size_t step) {
     const double h = levels_.h[step];
     const StepLaw law = equation_->judge(before_, after_, h);
-    const double slack = std::max(law_slack_, solver_slack);  // of what the scheme solves
     if (!std::isfinite(law.energy)) {
       findings_.doubt(row);
       return;
@@ -621,7 +620,10 @@ private:
     const double others = levels_.potential_of(step) + (in_turn ? lost_at(step) : lost_at(step + 1) - taken + work);
     findings_.compare(
         "/levels/energy", step, {}, energy_.at(step), law.energy + others,
-        [&] { return (law.is_long ? stage_slack : slack) * tolerance(0)() + Rounding::of_sum(law.energy, others); },
+        [&] {
+          return (law.is_long ? stage_slack : std::max(law_slack_, solver_slack)) * tolerance(0)() +
+                 Rounding::of_sum(law.energy, others);
+        },
         "from the states around the step");
     if (loss_ && in_turn) {
       const double before = lost_->at(step);
@@ -640,7 +642,7 @@ private:
     residual_.add(law.residual);
     findings_.count(grids::whole_of(grid_).size());
     if (law.residual.undefined > 0.0 || law.residual.largest() > equation_tolerance_) {
-      equation_tolerance_ = std::max(equation_tolerance_, (law.is_long ? long_slack : slack) * tolerance(1)());
+      equation_tolerance_ = std::max(equation_tolerance_, (law.is_long ? long_slack : solver_slack) * tolerance(1)());
       if (law.residual.undefined > 0.0 || !(law.residual.largest() <= equation_tolerance_)) {
         findings_.add({.dataset = "/states",
                        .row = row,
