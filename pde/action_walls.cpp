@@ -10,21 +10,15 @@ void ActionStep::find_held() {
   const MultisymplecticSystem& system = rows_.system();
   const grids::Grid& grid = rows_.grid();
   is_loose_.resize(static_cast<std::size_t>(system.field_count()));
-  for (int a = 0; a < grid.dimensions(); ++a) {
-    const grids::Axis& axis = grid.axis(a);
-    if (axis.ghosts == 0) {
-      continue;
-    }
-    const MirrorSigns signs(system, a, axis.name);
-    for (int f = 0; f < system.field_count(); ++f) {
-      PlaceNumbers loose{a, std::vector<double>(axis.cells, 1.0)};
-      loose.values[axis.wall(false)] = signs.at(f, axis.left) > 0 ? 1.0 : 0.0;
-      loose.values[axis.wall(true)] = signs.at(f, axis.right) > 0 ? 1.0 : 0.0;
-      if (signs.at(f, axis.left) < 0 || signs.at(f, axis.right) < 0) {
-        Expression& product = is_loose_[static_cast<std::size_t>(f)];
-        const Expression factor = rows_.variation().along_axis(loose);
-        product = product.valid() ? product * factor : factor;
-      }
+  if (!grid.has_ghosts()) {
+    return;
+  }
+  const FieldMirrors mirrors(system, grid, Collocation::corners);
+  for (int f = 0; f < system.field_count(); ++f) {
+    for (const PlaceNumbers& numbers : mirrors.loose(grid, f)) {
+      Expression& product = is_loose_[static_cast<std::size_t>(f)];
+      const Expression factor = rows_.variation().along_axis(numbers);
+      product = product.valid() ? product * factor : factor;
     }
   }
 }

@@ -2,10 +2,12 @@
 
 #include <array>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
+#include <rubato/pde/mirror_signs.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/variation/node_code.hpp>
 
@@ -19,10 +21,12 @@ namespace rubato {
 ///
 /// z' is the new level, in which z_f is still that of the old one, so that one correction is the solution. A field is
 /// *derived* where its own row gives it from neighbours, S''(f, f) z_f = -R_f(z with z_f = 0): formulas have this in
-/// its place, so that no step reads or writes it.
+/// its place, so that no step reads or writes it. On a grid with ghosts of walls, kicks and solves leave what walls
+/// hold as it is, and of the energy the terms count that are between the walls.
 class EulerBoxFormulas {
 public:
   /// \param derived fields whose row is linear in the field alone, and differentiates none of them
+  /// \throws SchemeRefusal if the grid has ghosts of walls, and the rows are not the same in a mirror
   EulerBoxFormulas(const MultisymplecticSystem& system, const grids::Grid& grid, std::vector<int> derived);
 
   [[nodiscard]] const std::vector<int>& derived() const { return derived_; }
@@ -48,8 +52,13 @@ private:
   [[nodiscard]] formula::Expression constraint(int row, int field, const FieldAt& z);
   [[nodiscard]] formula::Expression in_place_of_fields(formula::Expression formula, const FieldAt& z);
   [[nodiscard]] bool is_derived(int field) const;
+  void check_walls() const;
+  /// A change of a field, 0 where a wall holds it.
+  [[nodiscard]] formula::Expression where_loose(int field, formula::Expression change);
 
   MultisymplecticSystem system_;
+  grids::Grid grid_;
+  std::optional<FieldMirrors> mirrors_;  ///< of ghosts of walls
   NodeFormulas formulas_;
   std::vector<int> derived_;
   std::vector<formula::Expression> gradient_;  ///< ∇S

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <stdexcept>
@@ -17,6 +18,7 @@
 #include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/pde/mirror_signs.hpp>
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
 
@@ -74,6 +76,13 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
     }
   }
   compile();
+  if (grid.has_ghosts()) {
+    std::ranges::copy_if(
+        FieldMirrors(system, grid, Collocation::corners).held(grid), std::back_inserter(held_), [&](const auto& held) {
+          return std::ranges::any_of(
+              solves_, [&](const LocalSolve& solve) { return !solve.is_affine && solve.field == held.first; });
+        });
+  }
 }
 
 Status EulerBoxMap::start(grids::FieldSet& fields) {
@@ -184,6 +193,11 @@ Status EulerBoxMap::advance(double h, const grids::FieldSet& before, grids::Fiel
       std::ranges::copy(before.field(solve->field), after.field(solve->field).begin());
       if (const Status status = run(*solve, h, before, after); status != Status::success) {
         return status;
+      }
+      for (const auto& [field, node] : held_) {
+        if (field == solve->field) {
+          after.field(field)[node] = before.field(field)[node];
+        }
       }
       renew(solve->field, after);
     }
@@ -300,12 +314,45 @@ void EulerBoxMap::order_solves(std::vector<bool> known, std::vector<bool> used, 
   }
 }
 
-EulerBoxMap::Halo EulerBoxMap::halo(const MultisymplecticSystem& system) {
+EulerBoxMap EulerBoxMap::of_three_nodes(const MultisymplecticSystem& system) {
   std::vector<grids::Axis> axes;
   for (int a = 0; a < system.directions(); ++a) {
     axes.push_back({std::string(1, static_cast<char>('a' + a)), 0.0, 1.0, 3});
   }
-  return EulerBoxMap(system, grids::Grid(std::move(axes))).halo_;
+  return {system, grids::Grid(std::move(axes))};
+}
+
+EulerBoxMap::Halo EulerBoxMap::halo(const MultisymplecticSystem& system) {
+  return of_three_nodes(system).halo_;
+}
+
+std::size_t EulerBoxMap::lost_at_walls(const MultisymplecticSystem& system) {
+  return of_three_nodes(system).find_lost();
+}
+
+/// On both sides of an axis, from a level whose ghosts are right but for those of fields that follow from neighbours.
+std::size_t EulerBoxMap::find_lost() const {
+  std::vector<std::size_t> lost;
+  for (const bool algebraic : system_.structure().algebraic) {
+    lost.push_back(algebraic ? 1 : 0);
+  }
+  const auto of_row = [&](int row, const std::vector<std::size_t>& of) {
+    std::size_t most = 0;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const std::size_t own = of[static_cast<std::size_t>(f)];
+      most = std::max({most, local(row, f) ? own : 0, across(row, f) ? own + 1 : 0});
+    }
+    return most;
+  };
+  const std::vector<std::size_t> before = lost;
+  for (const Kick& kick : kicks_) {
+    lost[static_cast<std::size_t>(kick.column)] = of_row(kick.row, before);
+  }
+  for (const LocalSolve& solve : solves_) {
+    lost[static_cast<std::size_t>(solve.field)] = 0;
+    lost[static_cast<std::size_t>(solve.field)] = of_row(solve.row, lost);
+  }
+  return *std::ranges::max_element(lost);
 }
 
 /// On one side of a part, the one after it or the one before, along every axis.

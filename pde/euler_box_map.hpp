@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <rubato/base/status.hpp>
@@ -25,7 +27,7 @@ class EulerBoxMap {
 public:
   /// \param derives whether there are derived() fields; else all are read as they are
   /// \throws std::invalid_argument if the rows cannot be put into such an order, saying which field is left; if the
-  /// dimensions of grid and system differ
+  /// dimensions of grid and system differ; as EulerBoxFormulas
   EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid& grid, bool derives = true);
 
   /// Computes the algebraic fields of a first level from the others, by the constraints at its nodes.
@@ -57,6 +59,8 @@ public:
     std::size_t lost = 0;    ///< outer planes that stay wrong of other fields
   };
   [[nodiscard]] static Halo halo(const MultisymplecticSystem& system);
+  /// How many ghosts of walls, the outer ones, a step makes wrong that renews none.
+  [[nodiscard]] static std::size_t lost_at_walls(const MultisymplecticSystem& system);
 
 private:
   /// An entry of M₊: the equation of `row` at a level gives `column` at the next.
@@ -93,7 +97,9 @@ private:
   [[nodiscard]] std::vector<int> find_derived() const;
   void make_turns();
   void add_to(Turn& turn, NodeCode code, int field) const;
+  [[nodiscard]] static EulerBoxMap of_three_nodes(const MultisymplecticSystem& system);
   [[nodiscard]] Halo find_halo(bool after) const;
+  [[nodiscard]] std::size_t find_lost() const;
   [[nodiscard]] bool is_renewed(int field) const;
   void renew(int field, grids::FieldSet& fields) const;
   void order_solves(std::vector<bool> known, std::vector<bool> used, std::vector<LocalSolve>& solves) const;
@@ -136,6 +142,7 @@ private:
   std::vector<NodeCode> start_;   ///< of start_solves_, where they are affine; made with the first start
   std::vector<Turn> turns_;       ///< made with the first step
   NodePass energy_;               ///< as this, with the first level
+  std::vector<std::pair<int, std::size_t>> held_;  ///< fields that are iterated, and nodes on walls that hold them
   Halo halo_;
   int evaluations_ = 0;
 };

@@ -87,6 +87,24 @@ std::vector<std::pair<int, std::size_t>> FieldMirrors::held(const grids::Grid& g
   return held;
 }
 
+std::vector<PlaceNumbers> FieldMirrors::loose(const grids::Grid& grid, int field) const {
+  std::vector<PlaceNumbers> all;
+  for (int a = 0; a < grid.dimensions(); ++a) {
+    const grids::Axis& axis = grid.axis(a);
+    PlaceNumbers numbers{a, std::vector<double>(axis.cells, 1.0)};
+    const std::vector<double> free = numbers.values;
+    for (const bool is_right : {false, true}) {
+      if (axis.ghosts > 0 && offset(a, field) == 0 && sign(a, field, is_right ? axis.right : axis.left) < 0) {
+        numbers.values[axis.wall(is_right)] = 0.0;
+      }
+    }
+    if (numbers.values != free) {
+      all.push_back(std::move(numbers));
+    }
+  }
+  return all;
+}
+
 FieldMirrors::FieldMirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation) {
   const FieldStructure& structure = system.structure();
   for (int a = 0; a < grid.dimensions(); ++a) {

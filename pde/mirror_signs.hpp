@@ -9,6 +9,7 @@
 #include <rubato/grids/grid.hpp>
 #include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/variation/node_code.hpp>
 
 namespace rubato {
 
@@ -39,6 +40,9 @@ public:
   }
   /// The fields and nodes that walls hold. \param grid between walls, or with ghosts of them
   [[nodiscard]] std::vector<std::pair<int, std::size_t>> held(const grids::Grid& grid) const;
+  /// Numbers along the axes of a grid with ghosts of walls, whose product is 0 at nodes on walls that hold a field and
+  /// 1 at others; none where no wall holds it.
+  [[nodiscard]] std::vector<PlaceNumbers> loose(const grids::Grid& grid, int field) const;
   /// 1 for fields half a cell after their node along the axis, -1 before it, 0 at it.
   [[nodiscard]] int offset(int axis, int field) const {
     return offsets_[static_cast<std::size_t>(axis)][static_cast<std::size_t>(field)];

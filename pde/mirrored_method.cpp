@@ -407,8 +407,8 @@ public:
     const std::size_t ghosts = method_->wall_ghosts(system);
     if (drives_ != nullptr && ghosts == 0) {
       throw SchemeRefusal(
-          fmt::format("{} has no walls that drive fields: explicit schemes have; take lagrangian = "
-                      "\"leapfrog\", or walls that are \"fixed\" or \"free\"",
+          fmt::format("{} has no walls that drive fields: leapfrog and explicit actions have; take "
+                      "lagrangian = \"leapfrog\", or walls that are \"fixed\" or \"free\"",
                       name_));
     }
     const Mirrors mirrors(system, grid, Collocation::nodes, ghosts);  // what is given is given at nodes
@@ -487,8 +487,9 @@ std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMetho
   const std::optional<Collocation> collocation = method->in_mirror();
   if (!collocation) {
     throw SchemeRefusal(fmt::format(
-        "{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog "
-        "and actions that name no field without an equation of motion are. Take one of these, or leave left and right "
+        "{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog, "
+        "euler-box and actions that name no field without an equation of motion are. Take one of these, or leave left "
+        "and right "
         "out",
         choice.name));
   }

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 
 #include <rubato/grids/parallel.hpp>
+#include <rubato/variation/terms_by_middle.hpp>
 #include <rubato/variation/weighted_terms.hpp>
 
 namespace rubato {
@@ -292,11 +293,11 @@ formula::Expression NodeFormulas::between_walls(formula::Expression sum, const S
     return sum;
   }
   const WeightedTerms terms(sum);
-  formula::Expression all;
+  TermsByMiddle by_middle;
   for (const auto& [term, weight] : terms.terms()) {
-    add_weighted(all, weight, between_walls(term, middle_of(term, shift)));
+    by_middle.add(term, weight, middle_of(term, shift));
   }
-  return all.valid() ? all : graph_->constant(0.0);
+  return by_middle.sum(*this);
 }
 
 void add_weighted(formula::Expression& sum, double weight, const formula::Expression& term) {

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/variation/terms_by_middle.hpp>
 #include <rubato/variation/weighted_terms.hpp>
 
 namespace rubato {
@@ -237,28 +238,6 @@ Expression NodeVariation::at_node(Expression formula, const Offset& further) {
   }
   return from.empty() ? formula : formula::substitute(formula, from, to);
 }
-
-namespace {
-
-/// A sum of terms, each of which counts where its middle is between walls.
-class TermsByMiddle {
-public:
-  void add(Expression term, double weight, const std::array<int, 3>& middle) { by_middle_[middle].add(term, weight); }
-  [[nodiscard]] Expression sum(NodeFormulas& formulas) const {
-    Expression all;
-    for (const auto& [middle, terms] : by_middle_) {
-      if (const Expression sum = terms.sum(); sum.valid()) {
-        add_weighted(all, 1.0, formulas.between_walls(sum, middle));
-      }
-    }
-    return all.valid() ? all : formulas.graph().constant(0.0);
-  }
-
-private:
-  std::map<std::array<int, 3>, WeightedTerms> by_middle_;
-};
-
-}  // namespace
 
 NodeVariation::Summed NodeVariation::in_sum(Expression formula) {
   const int d = action_.fields;

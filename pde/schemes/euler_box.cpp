@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include <rubato/pde/lattice_method.hpp>
 #include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/taken_levels.hpp>
+#include <rubato/pde/wall_ghosts.hpp>
 
 namespace rubato {
 
@@ -27,7 +29,11 @@ public:
         map_(system, grid),
         levels_(std::move(first), map_.derived(), map_.found(),
                 [this](LatticeLevel& level) { map_.write_derived(level.fields); }),
-        energy_(map_.energy(levels_.here().fields)) {}
+        energy_(map_.energy(levels_.here().fields)) {
+    if (grid.has_ghosts()) {
+      ghosts_.emplace(FieldMirrors(system, grid, Collocation::corners), grid);
+    }
+  }
 
   [[nodiscard]] const MultisymplecticSystem& system() const override { return system_; }
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
@@ -67,6 +73,9 @@ public:
   }
   void forget_previous() override { levels_.forget_previous(); }
   void accept() override {
+    if (ghosts_) {
+      ghosts_->renew(levels_.trial());
+    }
     levels_.accept();
     energy_ = energy_of_trial_;
     iterations_ = 0;
@@ -92,6 +101,7 @@ private:
   grids::Grid grid_;
   EulerBoxMap map_;
   TakenLevels levels_;
+  std::optional<WallGhosts> ghosts_;
   double energy_, energy_of_trial_ = 0.0;
   double slope_ = 0.0;
   int iterations_ = 0;
@@ -121,6 +131,8 @@ private:
 
 class EulerBoxMethod final : public LatticeMethod {
 public:
+  explicit EulerBoxMethod(bool is_driven) : is_driven_(is_driven) {}
+
   [[nodiscard]] int order() const override { return 1; }
   [[nodiscard]] std::string_view fixed_levels_only() const override {
     return "its discrete energy reads one level, so that the equation for the next step is singular at every turning "
@@ -132,6 +144,11 @@ public:
     const EulerBoxMap::Halo halo = EulerBoxMap::halo(system);
     const std::size_t planes = 2 + std::max(halo.planes, halo.lost);
     return {planes, planes};
+  }
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override { return Collocation::corners; }
+  [[nodiscard]] std::size_t wall_ghosts(const MultisymplecticSystem& system) const override {
+    constexpr std::size_t of_laws = 3;
+    return is_driven_ ? 0 : std::max(of_laws, EulerBoxMap::lost_at_walls(system));
   }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return euler_box_action(system);
@@ -159,6 +176,9 @@ public:
                                                       const grids::Grid& grid) const override {
     return make_euler_box_tangents(system, grid);
   }
+
+private:
+  bool is_driven_;  ///< by walls, which it has not
 };
 
 }  // namespace
@@ -171,8 +191,8 @@ std::unique_ptr<LatticeScheme> make_euler_box_scheme(const MultisymplecticSystem
 LatticeMethodEntry euler_box_method() {
   return {.name = "euler-box",
           .summary = "one-sided differences, explicit; fixed levels only",
-          .make = [](const LatticeMethodChoice&) -> std::unique_ptr<LatticeMethod> {
-            return std::make_unique<EulerBoxMethod>();
+          .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
+            return std::make_unique<EulerBoxMethod>(choice.drives != nullptr);
           }};
 }
 
