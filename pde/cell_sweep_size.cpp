@@ -71,7 +71,7 @@ void CellSweep::Storage::energy_size(std::size_t block, Workspace& work, std::sp
         size.rounding += unit * (4.0 * product + 2.0 * factor * inverse_spacing[a] * std::abs(work.mean[row][c]));
       }
     }
-    if (sums_by_node()) {
+    if (sizes_by_node()) {
       const std::array<double, rows_by_node> values = {size.terms, size.rounding, size.rounding * size.rounding,
                                                        magnitude};
       for (int row = 0; row < rows_by_node; ++row) {
@@ -99,7 +99,7 @@ std::vector<double> CellSweep::mean_terms(std::span<const double* const> point, 
   s.make(point, s.in_energy, s.of_point);
   Storage::Workspace& work = *s.workspaces.front();
   std::vector<double> means(work.size.output_count() - 1, 0.0);
-  if (s.sums_by_node()) {
+  if (s.sizes_by_node()) {
     return s.mean_terms_by_node(means.size(), point, slopes);
   }
   // Ranks do what takes long side by side, and add up one after the other.
@@ -138,7 +138,7 @@ formula::SumSize CellSweep::energy_size(std::span<const double* const> point, co
       [&](std::size_t block, Storage::Workspace& work) { s.energy_size(block, work, point, slopes, references); });
   std::array<double, Storage::rows_by_node> sums{};
   double pieces = static_cast<double>(s.blocks.whole_count());
-  if (s.sums_by_node()) {
+  if (s.sizes_by_node()) {
     sums = s.sums_of_nodes();
     pieces = static_cast<double>(grids::whole_count(s.by_node.size())) / Storage::block_size;
   } else {

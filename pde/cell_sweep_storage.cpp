@@ -13,6 +13,7 @@ CellSweep::Storage::Storage(const MultisymplecticSystem& s, const grids::Grid& g
       dimensions(grid.dimensions()),
       nodes(grid.size()),
       volume(grid.cell_volume()),
+      at_corners(collocation == Collocation::corners),
       M(terms_of(s.M())),
       constant_hessian(terms_of(s.constant_hessian())),
       places(s, grid, collocation.points == Collocation::Points::cells ? Within::centre : Within::node),
@@ -21,6 +22,7 @@ CellSweep::Storage::Storage(const MultisymplecticSystem& s, const grids::Grid& g
       results(blocks.count()) {
   for (int a = 0; a < dimensions; ++a) {
     inverse_spacing[a] = 1.0 / grid.spacing(a);
+    cells[a] = grid.cells(a);
     K.push_back(terms_of(s.K(a)));
     K_plus.push_back(terms_of(s.structure().K_plus[static_cast<std::size_t>(a)]));
     for (const MatrixTerm& term : K.back()) {
@@ -33,10 +35,10 @@ CellSweep::Storage::Storage(const MultisymplecticSystem& s, const grids::Grid& g
   if (collocation.has_elements()) {
     elements = std::make_unique<ElementOperators>(grid, collocation.stages);
     places = elements->space().places(s, grid);
-  } else if (collocation != Collocation::cells) {
+  } else if (collocation == Collocation::nodes) {
     nodal = std::make_unique<NodeDerivative>(grid, collocation);
   }
-  if (collocation == Collocation::corners || (grids::Slab::of(grid) != nullptr && !blocks.are_of_whole())) {
+  if (at_corners || (grids::Slab::of(grid) != nullptr && !blocks.are_of_whole())) {
     by_node = grids::FieldSet(rows_by_node, grid.size());
   }
   if (blocks.are_of_whole()) {
@@ -66,6 +68,27 @@ void CellSweep::Storage::make(std::span<const double* const> fields, const std::
         (*nodal)(static_cast<int>(a), fields[f], made.derivative[a].field(field).data());
       }
     }
+  }
+}
+
+void CellSweep::Storage::take_backward_difference(const double* field, int axis, const CellBlocks::Block& block,
+                                                  double* out) const {
+  const double scale = inverse_spacing[axis];
+  if (axis == 0) {
+    const double* const line = field + block.line * blocks.line;
+    const auto take = [=](std::size_t i, std::size_t before) { return scale * (line[i] - line[before]); };
+    const std::size_t begin = block.begin;
+    out[0] = take(begin, begin == 0 ? blocks.line - 1 : begin - 1);
+    for (std::size_t c = 1; c < block.count; ++c) {
+      out[c] = take(begin + c, begin + c - 1);
+    }
+    return;
+  }
+  const std::size_t stride = axis == 1 ? 1 : cells[1], place = block.line / stride % cells[axis];
+  const std::size_t before = place == 0 ? block.line + (cells[axis] - 1) * stride : block.line - stride;
+  const double *const here = field + block.offset, *const there = field + before * blocks.line + block.begin;
+  for (std::size_t c = 0; c < block.count; ++c) {
+    out[c] = scale * (here[c] - there[c]);
   }
 }
 

@@ -59,6 +59,8 @@ struct CellSweep::Storage {
   std::size_t nodes;
   double volume;
   double inverse_spacing[3] = {};
+  std::size_t cells[3] = {1, 1, 1};
+  bool at_corners;
   MatrixTerms M, constant_hessian;
   PlacedCoordinates places;
   std::vector<MatrixTerms> K, K_plus;
@@ -72,7 +74,7 @@ struct CellSweep::Storage {
     std::vector<double> sizes;
   };
   std::vector<Piece> pieces;  ///< of the first and of the last block that are here
-  /// At nodes and in elements: what is made of point and rate before the blocks are run.
+  /// With spectral derivatives and in elements: what is made of point and rate before the blocks are run.
   struct Made {
     std::vector<grids::FieldSet> derivative;  ///< along each axis
     grids::FieldSet mean;                     ///< in elements
@@ -107,6 +109,8 @@ struct CellSweep::Storage {
   [[nodiscard]] double go_on_in_lanes(std::size_t block, std::size_t row, std::span<double> partial);
 
   [[nodiscard]] bool sums_by_node() const { return by_node.fields() > 0; }
+  /// The same of the sizes of energies, and of their terms: alone, block by block, they need no arrays.
+  [[nodiscard]] bool sizes_by_node() const { return sums_by_node() && grids::Slab::of(by_node.size()) != nullptr; }
   /// Σ over the grid of the rows of by_node.
   [[nodiscard]] std::array<double, rows_by_node> sums_of_nodes() const {
     std::array<double, rows_by_node> sums{};
@@ -156,6 +160,15 @@ struct CellSweep::Storage {
   void take(const double* field, int f, const Made& made, const CellBlocks::Block& block, double* mean,
             const std::array<double*, 3>& difference) const {
     const std::size_t begin = block.begin, count = block.count, offset = block.offset;
+    if (at_corners) {
+      std::copy_n(field + offset, count, mean);
+      for (int a = 0; a < dimensions; ++a) {
+        if (double* const out = difference[static_cast<std::size_t>(a)]; out != nullptr) {
+          take_backward_difference(field, a, block, out);
+        }
+      }
+      return;
+    }
     if (nodal == nullptr && elements == nullptr) {
       gather(field, block.line, begin, count, mean, difference.data());
       return;
@@ -167,6 +180,9 @@ struct CellSweep::Storage {
       }
     }
   }
+
+  /// δ⁻ along an axis.
+  void take_backward_difference(const double* field, int axis, const CellBlocks::Block& block, double* out) const;
 
   void prepare_workspaces() {
     while (workspaces.size() < static_cast<std::size_t>(grids::thread_count())) {

@@ -39,13 +39,7 @@ public:
   [[nodiscard]] bool slope_to_leading_order() const final { return true; }
   [[nodiscard]] int iterations() const final { return iterations_; }
   [[nodiscard]] formula::SumSize energy_size() final {
-    if (size_age_ >= size_period) {
-      size_of_energy_ = sweep_.energy_size(point_of(level().fields), level_.slopes, terms_at_start_);
-      size_of_energy_.rounding *= stage_rounding;
-      EnergyFloor(system_, grid_).raise(size_of_energy_, point_);
-      sweep_.give_back();
-      size_age_ = 0;
-    }
+    size_is_short_ = size_is_short_ || size_age_ > 0;
     return size_of_energy_;
   }
 
@@ -66,7 +60,7 @@ protected:
       throw std::invalid_argument("S is not finite at the initial level");
     }
     terms_at_start_ = sweep_.mean_terms(point, level_.slopes);
-    sweep_.give_back();
+    take_energy_size();
     if (collocation == Collocation::corners) {
       at_corners_.emplace(system, grid);
     }
@@ -115,15 +109,22 @@ protected:
     there_.reset();
     iterations_ = 0;
   }
-  void grow_older() { ++size_age_; }
+  /// After move(): takes the size of the energy where it is due, so that no trial is in memory beside what it needs.
+  void grow_older() {
+    if (++size_age_ >= static_cast<int>(size_is_short_ ? tuning::size_period : energy_size_period())) {
+      take_energy_size();
+    }
+  }
 
   /// \param more whether the scheme writes of its own what the fields do not say
   void save_level(StateWriter& state, bool more = false) const {
     append_level();
     grids::save_whole(state, level_.fields);
     save_slopes(state, level_.slopes, grid_);
-    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
-                               (here_ ? known_here : 0.0) + (more ? more_follows : 0.0), here_.value_or(0.0)}) {
+    for (const double value :
+         {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
+          (here_ ? known_here : 0.0) + (more ? more_follows : 0.0) + (size_is_short_ ? short_period : 0.0),
+          here_.value_or(0.0)}) {
       state.write(value);
     }
   }
@@ -134,14 +135,15 @@ protected:
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
     state.read(size_age_);
-    const double flags = state.read();
-    const bool more = flags >= more_follows;
+    const auto flags = static_cast<unsigned>(state.read());
+    const auto take = [flags](double flag) { return (flags & static_cast<unsigned>(flag)) != 0; };
     const double here = state.read();
     start_level();
-    if (flags - (more ? more_follows : 0.0) != 0.0) {
+    if (take(known_here)) {
       here_ = here;
     }
-    return more;
+    size_is_short_ = take(short_period);
+    return take(more_follows);
   }
 
   MultisymplecticSystem system_;
@@ -150,10 +152,8 @@ protected:
   std::vector<bool> at_midpoints_;
 
 private:
-  /// Levels for which the size of the energy's terms serves.
-  static constexpr int size_period = 16;
   /// Flags of a saved level.
-  static constexpr double known_here = 1.0, more_follows = 2.0;
+  static constexpr double known_here = 1.0, more_follows = 2.0, short_period = 4.0;
   /// A sum over stages, each with transforms of its own, rounds more than one sweep over the cells of a level.
   static constexpr double stage_rounding = 4.0;
 
@@ -166,6 +166,15 @@ private:
       }
     }
     return point_;
+  }
+  void take_energy_size() {
+    append_level();
+    size_of_energy_ = sweep_.energy_size(point_of(level_.fields), level_.slopes, terms_at_start_);
+    size_of_energy_.rounding *= stage_rounding;
+    EnergyFloor(system_, grid_).raise(size_of_energy_, point_);
+    sweep_.give_back();
+    size_age_ = 0;
+    size_is_short_ = false;
   }
   [[nodiscard]] double energy_here() const {
     if (!here_) {
@@ -190,7 +199,8 @@ private:
   int iterations_ = 0;
   std::vector<double> terms_at_start_;
   formula::SumSize size_of_energy_;
-  int size_age_ = size_period;
+  int size_age_ = 0;            ///< levels since it was taken
+  bool size_is_short_ = false;  ///< it has been asked for since: it serves for a few levels alone
 };
 
 /// What the equations of families share: a step is taken again, and compared with the level that is there.

@@ -82,9 +82,9 @@ public:
       largest = std::max(largest, grids::max_abs(std::as_const(delta_).field(f)));
     }
     add_increment(delta_, at_midpoints_, level_.fields, low_);
-    grow_older();
     stamp_ = nowhere;
     move();
+    grow_older();
   }
 
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -147,7 +148,6 @@ void LinearWaves::reduce() {
   const Index r = size(), o = static_cast<Index>(others_.size());
   const std::size_t waves = fourier_.modes();
   energy_form_ = WaveRows(static_cast<int>(r * r), waves);
-  generator_form_ = WaveRows(static_cast<int>(r * r), waves);
   slaves_ = WaveRows(static_cast<int>(o * r), waves);
   const auto part = [](const MatrixXcd& B, const std::vector<int>& rows, const std::vector<int>& columns) {
     MatrixXcd result(static_cast<Index>(rows.size()), static_cast<Index>(columns.size()));
@@ -175,7 +175,6 @@ void LinearWaves::reduce() {
       set_wave(C, w, slaves_);
     }
     set_wave(G, w, energy_form_);
-    set_wave(solve::product(inverse_M_.cast<Complex>(), G), w, generator_form_);
   }
   if (const grids::Transposition* const shared = fourier_.transposition()) {  // all ranks refuse, or none
     const double largest = -std::numeric_limits<double>::max();
@@ -203,14 +202,39 @@ double LinearWaves::sum_over_ranks(double here) const {
   return shared == nullptr ? here : shared->slab().sum_over_ranks(here);
 }
 
+Complex LinearWaves::generator(int row, int column, std::size_t wave) const {
+  double re = 0.0, im = 0.0;
+  for (int k = 0; k < size(); ++k) {
+    if (const double factor = inverse_M_(row, k); factor != 0.0) {
+      re += factor * energy_form_.re.field(k * size() + column)[wave];
+      im += factor * energy_form_.im.field(k * size() + column)[wave];
+    }
+  }
+  return {re, im};
+}
+
 void LinearWaves::group() {
+  largest_generator_ = MatrixXd::Zero(size(), size());
+  double largest_im = 0.0;
+  for (int r = 0; r < size(); ++r) {
+    for (int c = 0; c < size(); ++c) {
+      double re = 0.0, im = 0.0;
+      for (std::size_t w = 0; w < count(); ++w) {
+        const Complex entry = generator(r, c, w);
+        re = std::max(re, std::abs(entry.real()));
+        im = std::max(im, std::abs(entry.imag()));
+      }
+      re = largest(std::array{re});
+      im = largest(std::array{im});
+      largest_generator_(r, c) = std::max(re, im);
+      largest_im = std::max(largest_im, im);
+    }
+  }
   std::vector<int> group(static_cast<std::size_t>(size()));
   std::iota(group.begin(), group.end(), 0);
   for (int r = 0; r < size(); ++r) {
     for (int c = 0; c < size(); ++c) {
-      const int row = r * size() + c;
-      const bool any = largest(std::as_const(generator_form_.re).field(row)) > 0.0 ||
-                       largest(std::as_const(generator_form_.im).field(row)) > 0.0;
+      const bool any = largest_generator_(r, c) > 0.0;
       const int from = group[static_cast<std::size_t>(c)], to = group[static_cast<std::size_t>(r)];
       if (any && from != to) {
         std::ranges::replace(group, from, to);
@@ -233,31 +257,26 @@ void LinearWaves::group() {
       groups_.push_back(std::move(members));
     }
   }
+  real_pairs_ = largest_im == 0.0 && std::ranges::all_of(groups_, [](const auto& one) { return one.size() <= 2; });
 }
 
 /// Wave equations and Schrödinger's have real A and G: half of the work, and G is symmetric.
 void LinearWaves::find_real_forms() {
-  real_pairs_ = largest(std::as_const(generator_form_.im).all()) == 0.0 &&
-                std::ranges::all_of(groups_, [](const auto& group) { return group.size() <= 2; });
-  if (largest(std::as_const(energy_form_.im).all()) > 0.0) {
-    return;
-  }
-  for (const auto& [row, column] : coupled_) {
-    if (row <= column && largest(std::as_const(energy_form_.re).field(row * size() + column)) > 0.0) {
-      real_forms_.emplace_back(row, column);
+  bool is_real = true;
+  for (int row = 0; row < size(); ++row) {
+    for (int column = 0; column < size(); ++column) {
+      const int entry = row * size() + column;
+      const double re = largest(std::as_const(energy_form_.re).field(entry)),
+                   im = largest(std::as_const(energy_form_.im).field(entry));
+      if (re > 0.0 || im > 0.0) {
+        forms_.emplace_back(row, column);
+      }
+      is_real = is_real && im == 0.0;
     }
   }
-  real_form_weights_ = grids::FieldSet(static_cast<int>(real_forms_.size()) + 1, fourier_.modes());
-  for (std::size_t f = 0; f < real_forms_.size(); ++f) {
-    const auto [row, column] = real_forms_[f];
-    const auto weights = real_form_weights_.field(static_cast<int>(f));
-    const auto G = std::as_const(energy_form_.re).field(row * size() + column);
-    for (std::size_t w = 0; w < weights.size(); ++w) {
-      weights[w] = (row == column ? 0.5 : 1.0) * parseval_[w] * G[w];
-    }
-  }
-  if (!real_forms_.empty()) {
-    energy_form_ = WaveRows();
+  if (is_real) {
+    std::ranges::copy_if(forms_, std::back_inserter(real_forms_),
+                         [](const auto& form) { return form.first <= form.second; });
   }
 }
 
@@ -280,6 +299,35 @@ void LinearWaves::multiply(const WaveRows& matrix, const WaveRows& in, WaveRows&
   });
 }
 
+void LinearWaves::rates(const WaveRows& in, WaveRows& out) const {
+  for_each_wave_block(in.waves(), [&](std::size_t begin, std::size_t end) {
+    WaveBlock slope;
+    for (int p = 0; p < size(); ++p) {
+      std::fill(out.re.pointers()[static_cast<std::size_t>(p)] + begin,
+                out.re.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
+      std::fill(out.im.pointers()[static_cast<std::size_t>(p)] + begin,
+                out.im.pointers()[static_cast<std::size_t>(p)] + end, 0.0);
+    }
+    for (int row = 0; row < size(); ++row) {
+      slope.clear(end - begin);
+      for (const auto& [form_row, column] : forms_) {
+        if (form_row == row) {
+          const int entry = row * size() + column;
+          add_product(energy_form_.re.field(entry).data() + begin, energy_form_.im.field(entry).data() + begin,
+                      in.re.field(column).data() + begin, in.im.field(column).data() + begin, end - begin, slope.re,
+                      slope.im);
+        }
+      }
+      for (int p = 0; p < size(); ++p) {
+        if (const double factor = inverse_M_(p, row); factor != 0.0) {
+          add(factor, slope.re, slope.im, end - begin, out.re.pointers()[static_cast<std::size_t>(p)] + begin,
+              out.im.pointers()[static_cast<std::size_t>(p)] + begin);
+        }
+      }
+    }
+  });
+}
+
 /// X_1.
 double LinearWaves::energy(const WaveRows& rows) const {
   CompensatedSum sum = sum_of_pieces(rows.waves(), [&](std::size_t begin, std::size_t end, CompensatedSum& into) {
@@ -288,7 +336,8 @@ double LinearWaves::energy(const WaveRows& rows) const {
       const std::size_t count = std::min(wave_block, end - first);
       for (std::size_t f = 0; f < real_forms_.size(); ++f) {
         const auto [row, column] = real_forms_[f];
-        into.add(sum_form(real_form_weights_.field(static_cast<int>(f)).data() + first,
+        into.add((row == column ? 0.5 : 1.0) *
+                 sum_form(parseval_.data() + first, energy_form_.re.field(row * size() + column).data() + first,
                           rows.re.field(row).data() + first, rows.im.field(row).data() + first,
                           rows.re.field(column).data() + first, rows.im.field(column).data() + first, count));
       }
@@ -296,7 +345,7 @@ double LinearWaves::energy(const WaveRows& rows) const {
         continue;
       }
       terms.fill(0.0);
-      for (const auto& [row, column] : coupled_) {
+      for (const auto& [row, column] : forms_) {
         const int entry = row * size() + column;
         const double* g_re = energy_form_.re.field(entry).data() + first;
         const double* g_im = energy_form_.im.field(entry).data() + first;

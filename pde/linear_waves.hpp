@@ -43,19 +43,22 @@ public:
   /// M⁻¹ of the evolving fields.
   [[nodiscard]] const Eigen::MatrixXd& inverse_M() const { return inverse_M_; }
   [[nodiscard]] const Eigen::MatrixXd& L() const { return L_; }
-  /// A, row·size + column.
-  [[nodiscard]] const WaveRows& generator() const { return generator_form_; }
+  /// G, row·size + column.
+  [[nodiscard]] const WaveRows& energy_form() const { return energy_form_; }
+  /// A_row,column on a wave.
+  [[nodiscard]] std::complex<double> generator(int row, int column, std::size_t wave) const;
+  /// True if A has a diagonal entry for this field on some wave.
+  [[nodiscard]] bool has_diagonal(int place) const { return largest_generator_(place, place) > 0.0; }
   /// C, row·size + column.
   [[nodiscard]] const WaveRows& slaves() const { return slaves_; }
   /// Places of evolving fields that A couples.
   [[nodiscard]] const std::vector<std::vector<int>>& groups() const { return groups_; }
   /// True if A is real, and its groups have two fields at most.
   [[nodiscard]] bool has_real_pairs() const { return real_pairs_; }
-  /// X_1 as Σ weighted Re(conj x̂_row x̂_column), where G is real on every wave; empty where it is not.
-  ///@{
+  /// Rows and columns, row ≤ column, of the entries of G, where it is real on every wave; empty where it is not.
   [[nodiscard]] const std::vector<std::pair<int, int>>& real_forms() const { return real_forms_; }
-  [[nodiscard]] const grids::FieldSet& real_form_weights() const { return real_form_weights_; }  ///< and a row of zeros
-  ///@}
+  /// See parseval_weights().
+  [[nodiscard]] const std::vector<double>& parseval() const { return parseval_; }
   /// True if the first wave here is the one that is constant in space.
   [[nodiscard]] bool has_mean() const { return has_mean_; }
   /// Of S in the fields that it moves linearly, with the waves; 0 for the others.
@@ -65,6 +68,8 @@ public:
 
   /// out = matrix·in, over the coupled pairs.
   void multiply(const WaveRows& matrix, const WaveRows& in, WaveRows& out) const;
+  /// out = A·in.
+  void rates(const WaveRows& in, WaveRows& out) const;
   /// X_1.
   [[nodiscard]] double energy(const WaveRows& rows) const;
   [[nodiscard]] double sum_over_ranks(double here) const;
@@ -85,13 +90,12 @@ private:
   bool has_mean_;
   std::vector<int> evolving_, others_;
   Eigen::MatrixXd inverse_M_, L_;
-  WaveRows energy_form_;  ///< G, row·size + column; none where real_forms_ are
-  WaveRows generator_form_, slaves_;
+  WaveRows energy_form_, slaves_;      ///< see energy_form() and slaves()
+  Eigen::MatrixXd largest_generator_;  ///< max |Re A|, |Im A| over all waves
   std::vector<std::vector<int>> groups_;
   std::vector<std::pair<int, int>> coupled_;  ///< pairs of places in one group
   bool real_pairs_ = false;
-  std::vector<std::pair<int, int>> real_forms_;
-  grids::FieldSet real_form_weights_;
+  std::vector<std::pair<int, int>> forms_, real_forms_;  ///< entries of G that are not zero
   std::vector<double> parseval_, slope_, translation_;
 };
 

@@ -33,9 +33,9 @@ void NodeDerivative::operator()(int axis, const double* in, double* out) {
     (*spectral_)(axis, in, out);
     return;
   }
-  const auto scratch = scratch_.field(0);
-  grids::apply_adjoint(grid_, along_axis(axis, grids::Along::difference), in, scratch.data());
-  std::ranges::transform(scratch, out, [](double value) { return -value; });  // (δ⁺)ᵀ = -δ⁻
+  double* const to = in == out ? scratch_.field(0).data() : out;  // an array that nothing is written to takes no memory
+  grids::apply_adjoint(grid_, along_axis(axis, grids::Along::difference), in, to);
+  std::transform(to, to + grid_.size(), out, [](double value) { return -value; });  // (δ⁺)ᵀ = -δ⁻
 }
 
 void NodeDerivative::operator()(int axis, std::span<const double* const> in, std::span<double* const> out) {

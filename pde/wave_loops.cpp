@@ -1,6 +1,8 @@
 #include <rubato/pde/wave_loops.hpp>
 
+#include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #include <rubato/base/wide_vectors.hpp>
 
@@ -45,10 +47,24 @@ template <typename V>
   std::memcpy(to, &value, sizeof value);
 }
 
+using EightIntegers [[gnu::vector_size(64)]] = std::uint64_t;
+
+/// Takes the first 12 bits of each value apart from the rest.
+template <typename V>
+[[gnu::always_inline]] inline void split(const V& value, V& brief, V& rest) {
+  using Bits = std::conditional_t<sizeof(V) == sizeof(double), std::uint64_t, EightIntegers>;
+  constexpr std::uint64_t first = ~((std::uint64_t{1} << 41) - 1);
+  Bits bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  bits &= first;
+  std::memcpy(&brief, &bits, sizeof brief);
+  rest = value - brief;
+}
+
 /// turn_pair() of the waves from w on that V has room for.
 template <bool kicks, bool sums, typename V>
-[[gnu::always_inline]] inline void turn_some(const PairMatrices& matrices, const PairMatrices& rests,
-                                             const BeforeTurn& before, const RowPair& rows, std::size_t w, V& sum) {
+[[gnu::always_inline]] inline void turn_some(const PairMatrices& matrices, const BeforeTurn& before,
+                                             const RowPair& rows, std::size_t w, V& sum) {
   V u, u_im, v, v_im;
   load(rows.x_re + w, u);
   load(rows.x_im + w, u_im);
@@ -62,76 +78,78 @@ template <bool kicks, bool sums, typename V>
     v_im += before.kick * im;
   }
   if constexpr (sums) {
-    V of_x, of_y;
+    V of_x, of_y, weight;
     load(before.of_x + w, of_x);
     load(before.of_y + w, of_y);
-    sum += of_x * (u * u + u_im * u_im) + of_y * (v * v + v_im * v_im);
+    load(before.weights + w, weight);
+    sum += weight * (of_x * (u * u + u_im * u_im) + of_y * (v * v + v_im * v_im));
   }
-  V a, b, a_rest, b_rest;
-  load(matrices.a + w, a);
-  load(matrices.b + w, b);
-  load(rests.a + w, a_rest);
-  load(rests.b + w, b_rest);
-  store<V>((a * u + b * v) + (a_rest * u + b_rest * v), rows.x_re + w);
-  store<V>((a * u_im + b * v_im) + (a_rest * u_im + b_rest * v_im), rows.x_im + w);
-  load(matrices.c + w, a);
-  load(matrices.d + w, b);
-  load(rests.c + w, a_rest);
-  load(rests.d + w, b_rest);
-  store<V>((a * u + b * v) + (a_rest * u + b_rest * v), rows.y_re + w);
-  store<V>((a * u_im + b * v_im) + (a_rest * u_im + b_rest * v_im), rows.y_im + w);
+  V mend;
+  load(matrices.mend + w, mend);
+  const auto turn = [&](const double* of_u, const double* of_v, double* to_re, double* to_im) {
+    V a, b, a_brief, b_brief, a_rest, b_rest;
+    load(of_u + w, a);
+    load(of_v + w, b);
+    split(a, a_brief, a_rest);
+    split(b, b_brief, b_rest);
+    const V re = a_brief * u + b_brief * v, im = a_brief * u_im + b_brief * v_im;
+    store<V>(re + ((a_rest * u + b_rest * v) + mend * re), to_re + w);
+    store<V>(im + ((a_rest * u_im + b_rest * v_im) + mend * im), to_im + w);
+  };
+  turn(matrices.a, matrices.b, rows.x_re, rows.x_im);
+  turn(matrices.c, matrices.d, rows.y_re, rows.y_im);
 }
 
 template <bool kicks, bool sums>
-[[gnu::always_inline]] inline double turn_all(const PairMatrices& matrices, const PairMatrices& rests,
-                                              const BeforeTurn& before, std::size_t count, const RowPair& rows) {
+[[gnu::always_inline]] inline double turn_all(const PairMatrices& matrices, const BeforeTurn& before, std::size_t count,
+                                              const RowPair& rows) {
   constexpr std::size_t lanes = 8;
   EightLanes sum = {};
   std::size_t w = 0;
   for (; w + lanes <= count; w += lanes) {
-    turn_some<kicks, sums>(matrices, rests, before, rows, w, sum);
+    turn_some<kicks, sums>(matrices, before, rows, w, sum);
   }
   double rest = 0.0;
   for (; w < count; ++w) {
-    turn_some<kicks, sums>(matrices, rests, before, rows, w, rest);
+    turn_some<kicks, sums>(matrices, before, rows, w, rest);
   }
   return sums ? sum_of_lanes(sum) + rest : 0.0;
 }
 
 }  // namespace
 
-RUBATO_WIDE_VECTORS double turn_pair(const PairMatrices& matrices, const PairMatrices& rests, const BeforeTurn& before,
-                                     std::size_t count, const RowPair& rows) {
+RUBATO_WIDE_VECTORS double turn_pair(const PairMatrices& matrices, const BeforeTurn& before, std::size_t count,
+                                     const RowPair& rows) {
   // Copies: what is stored through the rows cannot change them.
-  const PairMatrices own = matrices, own_rests = rests;
+  const PairMatrices own = matrices;
   const BeforeTurn own_before = before;
   const RowPair own_rows = rows;
   if (before.re != nullptr) {
-    return before.of_x != nullptr ? turn_all<true, true>(own, own_rests, own_before, count, own_rows)
-                                  : turn_all<true, false>(own, own_rests, own_before, count, own_rows);
+    return before.of_x != nullptr ? turn_all<true, true>(own, own_before, count, own_rows)
+                                  : turn_all<true, false>(own, own_before, count, own_rows);
   }
-  return before.of_x != nullptr ? turn_all<false, true>(own, own_rests, own_before, count, own_rows)
-                                : turn_all<false, false>(own, own_rests, own_before, count, own_rows);
+  return before.of_x != nullptr ? turn_all<false, true>(own, own_before, count, own_rows)
+                                : turn_all<false, false>(own, own_before, count, own_rows);
 }
 
 namespace {
 
-/// The first `53 - bits` bits of a value (Veltkamp).
-inline double leading(double value, double two_to_bits_and_one) {
-  const double scaled = value * two_to_bits_and_one;
+/// The first 26 bits of a value (Veltkamp).
+inline double first_half(double value) {
+  const double scaled = value * (0x1p27 + 1.0);
   return scaled - (scaled - value);
 }
-constexpr double in_half = 0x1p27 + 1.0, to_twelve = 0x1p41 + 1.0;
 
 /// What rounding took from the product (Dekker).
 inline double product_error(double left, double right, double product) {
-  const double l = leading(left, in_half), r = leading(right, in_half);
+  const double l = first_half(left), r = first_half(right);
   const double left_low = left - l, right_low = right - r;
   return ((l * r - product) + l * right_low + left_low * r) + left_low * right_low;
 }
 
-/// Half of 1 - ad + bc, p = ad and q = -bc rounded; 0 where the matrix does not turn.
-inline double half_of_missing(double a, double b, double c, double d, double p, double q) {
+/// Half of 1 - ad + bc, 0 where the matrix does not turn.
+inline double half_of_missing(double a, double b, double c, double d) {
+  const double p = a * d, q = -(b * c);
   const double larger = p > q ? p : q, smaller = p > q ? q : p;
   // One of p and q is at least a half, and then both differences are exact.
   const double missing = ((1.0 - larger) - smaller) - product_error(a, d, p) + product_error(b, c, -q);
@@ -140,43 +158,25 @@ inline double half_of_missing(double a, double b, double c, double d, double p, 
 
 }  // namespace
 
-RUBATO_WIDE_VECTORS void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests) {
-  double *const first[] = {matrices.a, matrices.b, matrices.c, matrices.d}, *const rest[] = {rests.a, rests.b, rests.c,
-                                                                                             rests.d};
-  // No two of the eight overlap, which the compiler would have to find out in every call.
+RUBATO_WIDE_VECTORS void mend_turns(std::size_t count, const PairMatrices& matrices) {
+  const double *const a = matrices.a, *const b = matrices.b, *const c = matrices.c, *const d = matrices.d;
+  double* const mend = matrices.mend;
 #pragma GCC ivdep
   for (std::size_t w = 0; w < count; ++w) {
-    const double a = first[0][w], b = first[1][w], c = first[2][w], d = first[3][w];
-    const double mend = half_of_missing(a, b, c, d, a * d, -(b * c));
-    const double brief[] = {leading(a, to_twelve), leading(b, to_twelve), leading(c, to_twelve), leading(d, to_twelve)};
-    rest[0][w] = (a - brief[0]) + mend * a;
-    rest[1][w] = (b - brief[1]) + mend * b;
-    rest[2][w] = (c - brief[2]) + mend * c;
-    rest[3][w] = (d - brief[3]) + mend * d;
-    first[0][w] = brief[0];
-    first[1][w] = brief[1];
-    first[2][w] = brief[2];
-    first[3][w] = brief[3];
+    mend[w] = half_of_missing(a[w], b[w], c[w], d[w]);
   }
 }
 RUBATO_WIDE_VECTORS void make_turns(double tau, const double* frequencies, const double* cosines, const double* sines,
                                     const double* up, const double* down, std::size_t count,
-                                    const PairMatrices& matrices, const PairMatrices& rests) {
-  double *const a_first = matrices.a, *const b_first = matrices.b, *const c_first = matrices.c;
-  double *const a_rest = rests.a, *const b_rest = rests.b, *const c_rest = rests.c;
+                                    const PairMatrices& matrices) {
+  double *const a = matrices.a, *const b = matrices.b, *const c = matrices.c, *const mend = matrices.mend;
 #pragma GCC ivdep
   for (std::size_t w = 0; w < count; ++w) {
     const double sine = frequencies[w] == 0.0 ? tau : sines[w];
-    const double a = cosines[w], b = sine * up[w], c = sine * down[w];
-    const double p = a * a, q = -(b * c);
-    const double mend = half_of_missing(a, b, c, a, p, q);
-    const double brief_a = leading(a, to_twelve), brief_b = leading(b, to_twelve), brief_c = leading(c, to_twelve);
-    a_rest[w] = (a - brief_a) + mend * a;
-    b_rest[w] = (b - brief_b) + mend * b;
-    c_rest[w] = (c - brief_c) + mend * c;
-    a_first[w] = brief_a;
-    b_first[w] = brief_b;
-    c_first[w] = brief_c;
+    a[w] = cosines[w];
+    b[w] = sine * up[w];
+    c[w] = sine * down[w];
+    mend[w] = half_of_missing(a[w], b[w], c[w], a[w]);
   }
 }
 RUBATO_WIDE_VECTORS void multiply(double value, const double* in, std::size_t count, double* __restrict out) {
@@ -286,21 +286,22 @@ RUBATO_WIDE_VECTORS void add_form(const double* g_re, const double* g_im, const 
   }
 }
 
-RUBATO_WIDE_VECTORS double sum_form(const double* g, const double* l_re, const double* l_im, const double* r_re,
-                                    const double* r_im, std::size_t count) {
+RUBATO_WIDE_VECTORS double sum_form(const double* weights, const double* g, const double* l_re, const double* l_im,
+                                    const double* r_re, const double* r_im, std::size_t count) {
   constexpr std::size_t lanes = 8;
-  EightLanes sums = {}, weight, a, b, c, d;
+  EightLanes sums = {}, weight, factor, a, b, c, d;
   std::size_t w = 0;
   for (; w + lanes <= count; w += lanes) {
-    std::memcpy(&weight, g + w, sizeof weight);
+    std::memcpy(&weight, weights + w, sizeof weight);
+    std::memcpy(&factor, g + w, sizeof factor);
     std::memcpy(&a, l_re + w, sizeof a);
     std::memcpy(&b, r_re + w, sizeof b);
     std::memcpy(&c, l_im + w, sizeof c);
     std::memcpy(&d, r_im + w, sizeof d);
-    sums += weight * (a * b + c * d);
+    sums += weight * (factor * (a * b + c * d));
   }
   for (std::size_t l = 0; w + l < count; ++l) {
-    sums[l] += g[w + l] * (l_re[w + l] * r_re[w + l] + l_im[w + l] * r_im[w + l]);
+    sums[l] += weights[w + l] * (g[w + l] * (l_re[w + l] * r_re[w + l] + l_im[w + l] * r_im[w + l]));
   }
   return sum_of_lanes(sums);
 }

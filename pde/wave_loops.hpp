@@ -17,18 +17,16 @@ void add(double value, const double* re, const double* im, std::size_t count, do
 /// out += value·ik·in.
 void add_derivative(double value, const double* k, const double* re, const double* im, std::size_t count,
                     double* out_re, double* out_im);
-/// A real matrix (a b; c d) for each wave, or what its entries have beyond other ones.
+/// A real matrix (1 + mend)(a b; c d) for each wave, of determinant 1. d may be a.
 struct PairMatrices {
-  double *a, *b, *c, *d;
+  double *a, *b, *c, *d, *mend;
 };
-/// Takes matrices of determinant 1, as exact as double precision allows, in two parts: the first have 12 bits, so that
-/// products with them err at random only, and the rests make up for the determinant too, where the matrix turns
-/// (ad ≥ 0 ≥ bc). What a rounded matrix misses of it would make a wave grow by as much in every step. d may be a.
-void split_turns(std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
-/// The same of a = d = cos(ωτ), b = up·sin(ωτ) and c = down·sin(ωτ), with τ for the sine where ω = 0. No d is written:
-/// it is a, and so are their rests.
+/// Writes `mend` of matrices that turn (ad ≥ 0 ≥ bc), 0 of others. What a rounded matrix misses of its determinant
+/// would make a wave grow by as much in every step.
+void mend_turns(std::size_t count, const PairMatrices& matrices);
+/// Writes a = cos(ωτ), b = up·sin(ωτ), c = down·sin(ωτ), with τ for the sine where ω = 0, and `mend` with d = a.
 void make_turns(double tau, const double* frequencies, const double* cosines, const double* sines, const double* up,
-                const double* down, std::size_t count, const PairMatrices& matrices, const PairMatrices& rests);
+                const double* down, std::size_t count, const PairMatrices& matrices);
 /// out = value·in.
 void multiply(double value, const double* in, std::size_t count, double* out);
 /// Two rows of waves.
@@ -39,11 +37,12 @@ struct RowPair {
 struct BeforeTurn {
   double kick = 0.0;                              ///< y += kick·(re + i im)
   const double *re = nullptr, *im = nullptr;      ///< none: no kick
-  const double *of_x = nullptr, *of_y = nullptr;  ///< weights of |x|² and |y|² in the sum; none: no sum
+  const double *of_x = nullptr, *of_y = nullptr;  ///< factors of |x|² and |y|² in the sum; none: no sum
+  const double* weights = nullptr;                ///< of both
 };
-/// (x, y) = (a x + b y, c x + d y). \return Σ of_x |x|² + of_y |y|² after the kick and before the turn
-double turn_pair(const PairMatrices& matrices, const PairMatrices& rests, const BeforeTurn& before, std::size_t count,
-                 const RowPair& rows);
+/// (x, y) = (1 + mend)(a x + b y, c x + d y). The first 12 bits of the entries are taken apart, so that products with
+/// them err at random only. \return Σ weight (of_x |x|² + of_y |y|²) after the kick and before the turn
+double turn_pair(const PairMatrices& matrices, const BeforeTurn& before, std::size_t count, const RowPair& rows);
 /// out += x·y.
 void add_product(const double* x_re, const double* x_im, const double* y_re, const double* y_im, std::size_t count,
                  double* out_re, double* out_im);
@@ -71,9 +70,9 @@ void invert(std::size_t count, double* re, double* im);
 /// out += ½ Re(conj(l) g r).
 void add_form(const double* g_re, const double* g_im, const double* l_re, const double* l_im, const double* r_re,
               const double* r_im, std::size_t count, double* out);
-/// Σ g Re(conj(l) r), g real.
-[[nodiscard]] double sum_form(const double* g, const double* l_re, const double* l_im, const double* r_re,
-                              const double* r_im, std::size_t count);
+/// Σ weight g Re(conj(l) r), g real.
+[[nodiscard]] double sum_form(const double* weights, const double* g, const double* l_re, const double* l_im,
+                              const double* r_re, const double* r_im, std::size_t count);
 /// Pairs (re, im) one after the other, and back.
 ///@{
 void interleave(const double* re, const double* im, std::size_t count, double* pairs);

@@ -63,19 +63,14 @@ WavePropagators::WavePropagators(const LinearWaves& waves)
 
 /// True if A is of real pairs alone, without diagonal entries: exp(τA) has one cosine for both fields.
 bool WavePropagators::turns_without_diagonal() const {
-  const auto has_diagonal = [this](int x) {
-    return largest_of_rows(waves_.generator().re.field(x * waves_.size() + x)) > 0.0;
-  };
   return waves_.has_real_pairs() && std::ranges::all_of(waves_.groups(), [&](const std::vector<int>& group) {
-           return group.size() == 2 && !has_diagonal(group.front()) && !has_diagonal(group.back());
+           return group.size() == 2 && !waves_.has_diagonal(group.front()) && !waves_.has_diagonal(group.back());
          });
 }
 
 /// Groups of two fields that turn into each other with a frequency for each wave: sines and cosines in vectors.
 void WavePropagators::find_frequencies() {
-  const auto A = [&](int row, int column) {
-    return std::as_const(waves_.generator().re).field(row * waves_.size() + column);
-  };
+  const auto A = [&](int row, int column, std::size_t w) { return waves_.generator(row, column, w).real(); };
   frequencies_ = grids::FieldSet();
   if (!is_one_cosine_ || waves_.count() > many_waves) {  // these are filled in several threads
     return;
@@ -84,7 +79,7 @@ void WavePropagators::find_frequencies() {
   for (std::size_t g = 0; g < waves_.groups().size(); ++g) {
     const int x = waves_.groups()[g].front(), y = waves_.groups()[g].back();
     for (std::size_t w = 0; w < frequencies.size(); ++w) {
-      const double squared = -A(x, y)[w] * A(y, x)[w];
+      const double squared = -A(x, y, w) * A(y, x, w);
       if (!(squared >= 0.0)) {
         return;
       }
@@ -97,8 +92,8 @@ void WavePropagators::find_frequencies() {
     const int x = waves_.groups()[g].front(), y = waves_.groups()[g].back(), row = 2 * static_cast<int>(g);
     for (std::size_t w = 0; w < waves; ++w) {
       const double omega = std::as_const(frequencies).field(static_cast<int>(g))[w];
-      of_sines.field(row)[w] = omega == 0.0 ? A(x, y)[w] : A(x, y)[w] / omega;
-      of_sines.field(row + 1)[w] = omega == 0.0 ? A(y, x)[w] : A(y, x)[w] / omega;
+      of_sines.field(row)[w] = A(x, y, w) / (omega == 0.0 ? 1.0 : omega);
+      of_sines.field(row + 1)[w] = A(y, x, w) / (omega == 0.0 ? 1.0 : omega);
     }
   }
   formula::Graph graph;
@@ -130,8 +125,7 @@ void WavePropagators::fill_by_frequencies(std::span<const std::size_t> places) {
         Propagator& E = propagators_[some[i]];
         const int x = waves_.groups()[g].front(), y = waves_.groups()[g].back();
         make_turns(E.tau, omega, cosine + i * waves, sine + i * waves, std::as_const(of_sines_).field(row).data(),
-                   std::as_const(of_sines_).field(row + 1).data(), waves, turns(E.entries.re, x, y),
-                   turns(E.rests, x, y));
+                   std::as_const(of_sines_).field(row + 1).data(), waves, turns(E, x, y));
       }
     }
   }
@@ -145,8 +139,7 @@ void WavePropagators::fill(double tau, WaveRows& entries) {
       for (std::size_t w = begin; w < end; ++w) {
         for (Index i = 0; i < n; ++i) {
           for (Index j = 0; j < n; ++j) {
-            const int row = members[static_cast<std::size_t>(i)] * waves_.size() + members[static_cast<std::size_t>(j)];
-            A(i, j) = {waves_.generator().re.field(row)[w], waves_.generator().im.field(row)[w]};
+            A(i, j) = waves_.generator(members[static_cast<std::size_t>(i)], members[static_cast<std::size_t>(j)], w);
           }
         }
         if (n == 2) {
@@ -178,13 +171,14 @@ void WavePropagators::fill(double tau, WaveRows& entries) {
   });
 }
 
-PairMatrices WavePropagators::turns(grids::FieldSet& entries, int x, int y) const {
+PairMatrices WavePropagators::turns(Propagator& propagator, int x, int y) const {
   const int z = is_one_cosine_ ? std::min(x, y) : y;
   const int first = is_one_cosine_ ? z : x;
   const auto entry = [&](int row, int column) {
-    return entries.pointers()[static_cast<std::size_t>(row * waves_.size() + column)];
+    return propagator.entries.re.pointers()[static_cast<std::size_t>(row * waves_.size() + column)];
   };
-  return {entry(first, first), entry(x, y), entry(y, x), entry(z, z)};
+  return {entry(first, first), entry(x, y), entry(y, x), entry(z, z),
+          propagator.mended.pointers()[static_cast<std::size_t>(std::min(x, y))]};
 }
 
 void WavePropagators::make_room(Propagator& propagator) const {
@@ -192,7 +186,7 @@ void WavePropagators::make_room(Propagator& propagator) const {
     propagator.entries.re = grids::FieldSet(waves_.size() * waves_.size(), waves_.count());
     propagator.entries.im =
         grids::FieldSet(waves_.has_real_pairs() ? 0 : waves_.size() * waves_.size(), waves_.count());
-    propagator.rests = grids::FieldSet(waves_.has_real_pairs() ? waves_.size() * waves_.size() : 0, waves_.count());
+    propagator.mended = grids::FieldSet(waves_.has_real_pairs() ? waves_.size() : 0, waves_.count());
   }
 }
 
@@ -233,8 +227,7 @@ void WavePropagators::fill_missing() {
       fill(E.tau, E.entries);
       for (const std::vector<int>& group : waves_.groups()) {
         if (waves_.has_real_pairs() && group.size() == 2) {
-          split_turns(waves_.count(), turns(E.entries.re, group.front(), group.back()),
-                      turns(E.rests, group.front(), group.back()));
+          mend_turns(waves_.count(), turns(E, group.front(), group.back()));
         }
       }
     }

@@ -19,9 +19,9 @@ public:
   /// For one τ.
   struct Propagator {
     double tau = 0.0;
-    std::size_t used = 0;   ///< for which step last
-    WaveRows entries;       ///< row·size + column; none before the first; of real pairs the first bits, without im
-    grids::FieldSet rests;  ///< of real pairs, what they have beyond these
+    std::size_t used = 0;    ///< for which step last
+    WaveRows entries;        ///< row·size + column; none before the first; of real pairs without im
+    grids::FieldSet mended;  ///< of real pairs, by their first field: what rounding has left of their determinant
   };
 
   /// \param waves has to outlive this
@@ -33,9 +33,9 @@ public:
   /// Those of a step of length h. Products of one length with h have the same bits, be they numbers or not.
   void make(const Composition& composition, double h);
   /// Of a part of that step, which is a drift.
-  [[nodiscard]] const Propagator& of_part(std::size_t part) const { return propagators_[of_parts_[part]]; }
-  /// Of a real pair, in entries or rests.
-  [[nodiscard]] PairMatrices turns(grids::FieldSet& entries, int x, int y) const;
+  [[nodiscard]] Propagator& of_part(std::size_t part) { return propagators_[of_parts_[part]]; }
+  /// Of a real pair.
+  [[nodiscard]] PairMatrices turns(Propagator& propagator, int x, int y) const;
 
 private:
   [[nodiscard]] bool turns_without_diagonal() const;

@@ -46,8 +46,8 @@ WaveSplitting::WaveSplitting(const MultisymplecticSystem& system, const grids::G
   values_ = grids::FieldSet(n + 1, nodes);
   inputs_ = places_.after(std::as_const(values_).pointers().first(varying_.size()));
   inputs_.push_back(std::as_const(values_).field(n).data());
-  outputs_ = grids::FieldSet(n + 1, nodes);
-  turned_ = grids::FieldSet(n + 1, nodes);
+  outputs_ = grids::FieldSet(n, nodes);
+  turned_ = grids::FieldSet(n, nodes);
   moved_begins_with_varying_ = std::ranges::equal(varying_, std::views::iota(0, n));
 }
 
@@ -216,8 +216,9 @@ void WaveSplitting::accept() {
   rest_energy_is_known_ = rest_rows_are_known_ = false;
 }
 
-void WaveSplitting::give_back_rest() {
-  for (grids::FieldSet* const fields : {&rest_rows_.re, &rest_rows_.im, &outputs_, &turned_}) {
+void WaveSplitting::give_back() {
+  for (grids::FieldSet* const fields :
+       {&moved_.re, &moved_.im, &next_.re, &next_.im, &rest_rows_.re, &rest_rows_.im, &values_, &outputs_, &turned_}) {
     for (int f = 0; f < fields->fields(); ++f) {
       fields->forget(f);
     }
@@ -272,28 +273,37 @@ void WaveSplitting::find_pairs() {
       pair->rate = rate;
     }
   }
-  const auto weight_of = [this](int place) {  // the last row is zero
-    return static_cast<int>(std::ranges::find(waves_.real_forms(), std::pair(place, place)) -
-                            waves_.real_forms().begin());
-  };
-  for (Pair& pair : pairs_) {
-    pair.weight_of_x = weight_of(pair.x);
-    pair.weight_of_y = weight_of(pair.y);
-  }
 }
 
-/// ΔV Σ N over the nodes. Where ranks share the lattice their sums have the same bits for every number of them; alone
-/// it is as exact, in a third of the time: a splitting promises no more than rounding between the two.
-double WaveSplitting::node_energy(std::span<const double> N) const {
-  if (fourier_.transposition() != nullptr) {
-    return grid_.cell_volume() * grids::sum(N);
-  }
-  const CompensatedSum sum = sum_of_pieces(N.size(), [N](std::size_t begin, std::size_t end, CompensatedSum& into) {
-    for (std::size_t first = begin; first < end; first += wave_block) {
-      into.add(sum_of_values(N.data() + first, std::min(wave_block, end - first)));
+/// What code has beside N, at all nodes. \return ΔV Σ N over the nodes of all ranks, of which few are in memory at once
+double WaveSplitting::evaluate(formula::BatchEvaluator& code, std::span<const double* const> inputs,
+                               grids::FieldSet& outputs) const {
+  constexpr std::size_t most = 2048;  // nodes whose N stays in the cache
+  alignas(64) std::array<double, most> N;
+  std::array<const double*, MultisymplecticSystem::most_fields + 4> in{};
+  std::array<double*, MultisymplecticSystem::most_fields + 1> out{};
+  const grids::Slab* const slab = grids::Slab::of(grid_);
+  const std::size_t first = slab == nullptr ? 0 : slab->first_node(),
+                    end = slab == nullptr ? grid_.size() : first + slab->owned();
+  CompensatedSum sum;
+  for (std::size_t begin = 0; begin < grid_.size(); begin += most) {
+    const std::size_t count = std::min(most, grid_.size() - begin);
+    std::ranges::transform(inputs, in.begin(), [begin](const double* input) { return input + begin; });
+    out[0] = N.data();
+    std::ranges::transform(outputs.pointers(), out.begin() + 1, [begin](double* output) { return output + begin; });
+    code(count, std::span(in).first(inputs.size()), std::span(out).first(outputs.pointers().size() + 1));
+    const std::size_t from = std::max(begin, first), to = std::min(begin + count, end);
+    if (from < to) {
+      grids::LaneSum of_these;
+      of_these.add(std::span<const double>(N).subspan(from - begin, to - from));
+      sum.add(of_these.total());
     }
-  });
-  return grid_.cell_volume() * sum.value();
+  }
+  double total = sum.value();
+  if (slab != nullptr) {
+    slab->reduce(std::span(&sum, 1), std::span(&total, 1), {});
+  }
+  return grid_.cell_volume() * total;
 }
 
 /// N and ∇N of these rows.
@@ -310,23 +320,21 @@ bool WaveSplitting::evaluate_rest(const WaveRows& rows, At at) {
   rest_rows_are_known_ = false;
   const std::size_t n = varying_.size();
   to_grid(rows, varying_, fourier_, values_.pointers().first(n));
-  rest_(grid_.size(), std::span(inputs_).first(inputs_.size() - 1), outputs_.pointers());
-  rest_energy_ = node_energy(std::as_const(outputs_).field(0));
+  rest_energy_ = evaluate(rest_, std::span(inputs_).first(inputs_.size() - 1), outputs_);
   return std::isfinite(rest_energy_);
 }
 
 /// A kick, X_1 and a turn of all pairs in one pass over the waves.
-double WaveSplitting::turn_pairs(const WavePropagators::Propagator& E, bool with_energy) {
-  // What turns is not written to.
-  auto& entries = const_cast<grids::FieldSet&>(E.entries.re);
-  auto& rests = const_cast<grids::FieldSet&>(E.rests);
+double WaveSplitting::turn_pairs(WavePropagators::Propagator& E, bool with_energy) {
+  const auto form_of = [this](int place) {
+    return waves_.energy_form().re.field(place * waves_.size() + place).data();
+  };
   const std::span<double*const> re = moved_.re.pointers(), im = moved_.im.pointers();
   const auto sum = sum_of_pieces(moved_.waves(), [&](std::size_t begin, std::size_t end, CompensatedSum& into) {
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
       const Pair& pair = pairs_[i];
       const auto x = static_cast<std::size_t>(pair.x), y = static_cast<std::size_t>(pair.y);
-      PairMatrices first = propagators_.turns(entries, pair.x, pair.y),
-                   rest = propagators_.turns(rests, pair.x, pair.y);
+      const PairMatrices turns = propagators_.turns(E, pair.x, pair.y);
       for (std::size_t w = begin; w < end; w += wave_block) {
         BeforeTurn before;
         if (kicking_rows_ != nullptr && pair.kicked_by >= 0) {
@@ -335,21 +343,21 @@ double WaveSplitting::turn_pairs(const WavePropagators::Propagator& E, bool with
                     .im = kicking_rows_->im.field(pair.kicked_by).data() + w};
         }
         if (with_energy) {
-          before.of_x = std::as_const(waves_.real_form_weights()).field(pair.weight_of_x).data() + w;
-          before.of_y = std::as_const(waves_.real_form_weights()).field(pair.weight_of_y).data() + w;
+          before.of_x = form_of(pair.x) + w;
+          before.of_y = form_of(pair.y) + w;
+          before.weights = waves_.parseval().data() + w;
         }
-        into.add(turn_pair({first.a + w, first.b + w, first.c + w, first.d + w},
-                           {rest.a + w, rest.b + w, rest.c + w, rest.d + w}, before, std::min(wave_block, end - w),
-                           {re[x] + w, im[x] + w, re[y] + w, im[y] + w}));
+        into.add(turn_pair({turns.a + w, turns.b + w, turns.c + w, turns.d + w, turns.mend + w}, before,
+                           std::min(wave_block, end - w), {re[x] + w, im[x] + w, re[y] + w, im[y] + w}));
       }
     }
   });
   kicking_rows_ = nullptr;
-  return with_energy ? grid_.cell_volume() * waves_.sum_over_ranks(sum.value()) : 0.0;
+  return with_energy ? 0.5 * grid_.cell_volume() * waves_.sum_over_ranks(sum.value()) : 0.0;
 }
 
 /// moved_ goes along the flow of the waves, and of what is linear in S. \return X_1, if it is asked for
-double WaveSplitting::drift(const WavePropagators::Propagator& E, bool with_energy) {
+double WaveSplitting::drift(WavePropagators::Propagator& E, bool with_energy) {
   rest_at_ = At::nowhere;
   rest_energy_is_known_ = rest_rows_are_known_ = false;
   if (!pairs_.empty()) {
@@ -357,17 +365,15 @@ double WaveSplitting::drift(const WavePropagators::Propagator& E, bool with_ener
   }
   const double energy = with_energy ? waves_.energy(moved_) : 0.0;
   if (waves_.has_real_pairs()) {
-    auto& all = const_cast<grids::FieldSet&>(E.entries.re);
-    auto& rests = const_cast<grids::FieldSet&>(E.rests);
     for (const std::vector<int>& group : waves_.groups()) {
       const int x = group.front(), y = group.back();
       if (group.size() == 2) {
-        turn_pair(propagators_.turns(all, x, y), propagators_.turns(rests, x, y), {}, moved_.waves(),
+        turn_pair(propagators_.turns(E, x, y), {}, moved_.waves(),
                   {moved_.re.field(x).data(), moved_.im.field(x).data(), moved_.re.field(y).data(),
                    moved_.im.field(y).data()});
         continue;
       }
-      const double* const factor = E.entries.re.field(x * waves_.size() + x).data();
+      const double* const factor = std::as_const(E.entries.re).field(x * waves_.size() + x).data();
       for (std::size_t w = 0; w < moved_.waves(); ++w) {
         moved_.re.field(x)[w] *= factor[w];
         moved_.im.field(x)[w] *= factor[w];
@@ -433,7 +439,7 @@ bool WaveSplitting::kick_from_here(double tau) {
     if (!evaluate_rest(x_, At::here)) {
       return false;
     }
-    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, first_kick_);
+    from_grid(std::as_const(outputs_).pointers(), fourier_, first_kick_);
     first_energy_ = rest_energy_;
     first_kick_is_known_ = first_energy_is_known_ = true;
   }
@@ -451,22 +457,21 @@ bool WaveSplitting::kick(double tau) {
     return false;
   }
   if (flow_ == Flow::kick) {
-    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+    from_grid(std::as_const(outputs_).pointers(), fourier_, rest_rows_);
     rest_rows_are_known_ = true;
     kick_before_turn(rest_rows_, tau);
   } else if (flow_ == Flow::turn) {
     rest_at_ = At::nowhere;  // but for its energy, which a turn keeps
     rubato::fill(tau, grid_.size(), values_.field(static_cast<int>(n)).data());
-    turns_(grid_.size(), inputs_, turned_.pointers());
-    rest_energy_ = node_energy(std::as_const(turned_).field(0));
+    rest_energy_ = evaluate(turns_, inputs_, turned_);
     rest_energy_is_known_ = true;
     if (!std::isfinite(rest_energy_)) {
       return false;
     }
     if (moved_begins_with_varying_) {
-      from_grid(std::as_const(turned_).pointers().subspan(1), fourier_, moved_);
+      from_grid(std::as_const(turned_).pointers(), fourier_, moved_);
     } else {
-      from_grid(std::as_const(turned_).pointers().subspan(1), fourier_, rest_rows_);
+      from_grid(std::as_const(turned_).pointers(), fourier_, rest_rows_);
       for (std::size_t v = 0; v < n; ++v) {
         const auto row = static_cast<int>(v);
         std::ranges::copy(std::as_const(rest_rows_.re).field(row), moved_.re.field(varying_[v]).begin());
@@ -474,7 +479,7 @@ bool WaveSplitting::kick(double tau) {
       }
     }
     if (!kicking_.empty()) {  // along a turn, ∂N of what is not turned is constant
-      from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+      from_grid(std::as_const(outputs_).pointers(), fourier_, rest_rows_);
       for (const std::size_t v : kicking_) {
         kick_by(v, rest_rows_, tau);
       }
@@ -528,12 +533,15 @@ double WaveSplitting::energy_here() {
   return waves_.energy(x_) + first_energy_;
 }
 
+/// Rows number `which` into fields number `to`.
+void WaveSplitting::to_fields(const WaveRows& rows, std::span<const int> which, std::span<const int> to,
+                              grids::FieldSet& fields) {
+  std::array<double*, MultisymplecticSystem::most_fields> arrays{};
+  std::ranges::transform(to, arrays.begin(), [&fields](int f) { return fields.field(f).data(); });
+  to_grid(rows, which, fourier_, std::span(arrays).first(to.size()));
+}
+
 void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) {
-  const auto transform = [this, &fields](const WaveRows& from, std::span<const int> which, std::span<const int> to) {
-    std::array<double*, MultisymplecticSystem::most_fields> arrays{};
-    std::ranges::transform(to, arrays.begin(), [&fields](int f) { return fields.field(f).data(); });
-    to_grid(from, which, fourier_, std::span(arrays).first(to.size()));
-  };
   std::array<int, MultisymplecticSystem::most_fields> unseen{}, which{};
   std::size_t count = 0;  // a kick has seen the varying fields at the nodes
   for (int p = 0; p < waves_.size(); ++p) {
@@ -547,7 +555,11 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
       which[count++] = f;
     }
   }
-  transform(rows, std::span(unseen).first(count), std::span(which).first(count));
+  to_fields(rows, std::span(unseen).first(count), std::span(which).first(count), fields);
+  write_others(rows, fields);
+}
+
+void WaveSplitting::write_others(const WaveRows& rows, grids::FieldSet& fields) {
   for (std::size_t o = 0; o < waves_.others().size(); ++o) {
     double *const re = work_.re.field(0).data(), *const im = work_.im.field(0).data();
     std::fill_n(re, rows.waves(), 0.0);
@@ -558,7 +570,11 @@ void WaveSplitting::write(const WaveRows& rows, At at, grids::FieldSet& fields) 
                   std::as_const(waves_.slaves().im).field(entry).data(), rows.re.field(p).data(),
                   rows.im.field(p).data(), rows.waves(), re, im);
     }
-    transform(work_, std::array{0}, std::array{waves_.others()[o]});
+    to_fields(work_, std::array{0}, std::array{waves_.others()[o]}, fields);
+  }
+  if (!keeps_before_) {  // few levels are asked for
+    work_.re.forget(0);
+    work_.im.forget(0);
   }
   grids::refresh_ghosts(fields);
 }
@@ -578,14 +594,14 @@ void WaveSplitting::write_rates(const WaveRows& rows, At at, grids::FieldSet& ra
       kicked = kicked || std::ranges::any_of(varying_, [&](int v) { return waves_.inverse_M()(p, v) != 0.0; });
     }
   }
-  waves_.multiply(waves_.generator(), rows, work_);
+  waves_.rates(rows, work_);
   for (std::size_t p = 0; p < waves_.translation().size() && waves_.has_mean(); ++p) {
     work_.re.field(static_cast<int>(p))[0] +=
         waves_.translation()[p] * static_cast<double>(grids::whole_of(grid_).size());
   }
   if (kicked) {
     static_cast<void>(evaluate_rest(rows, at));
-    from_grid(std::as_const(outputs_).pointers().subspan(1), fourier_, rest_rows_);
+    from_grid(std::as_const(outputs_).pointers(), fourier_, rest_rows_);
   }
   for (std::size_t v = 0; v < varying_.size() && kicked; ++v) {
     for (int p = 0; p < waves_.size(); ++p) {

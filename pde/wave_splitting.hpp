@@ -67,10 +67,12 @@ public:
   void fields_here(grids::FieldSet& fields) { write(x_, At::here, fields); }
   void fields_before(grids::FieldSet& fields) { write(before_, At::nowhere, fields); }
   ///@}
-  /// The last of these is not asked for.
+  /// Those without an equation of motion, where it stands.
+  void others_here(grids::FieldSet& fields) { write_others(x_, fields); }
+  /// fields_before() is not asked for.
   void forget_before() { keeps_before_ = false; }
-  /// Gives back the memory of what is known of N, which is found again where it is needed.
-  void give_back_rest();
+  /// Gives back the memory of the last step, and of what is known of N, which is found again where it is needed.
+  void give_back();
   /// Their rates where it led, and where it stands; 0 for fields without equation of motion, and for those that are not
   /// asked for (empty: all are).
   ///@{
@@ -93,9 +95,8 @@ private:
   /// A real pair of rows: y, if one of them, is what a varying field kicks.
   struct Pair {
     int x, y;
-    int kicked_by = -1;                    ///< number of the varying field; none
-    double rate = 0.0;                     ///< by which
-    int weight_of_x = 0, weight_of_y = 0;  ///< rows of LinearWaves::real_form_weights()
+    int kicked_by = -1;  ///< number of the varying field; none
+    double rate = 0.0;   ///< by which
   };
   /// A kick that no turn takes along: field p by varying field v.
   struct Kick {
@@ -108,16 +109,19 @@ private:
   void classify();
   [[nodiscard]] bool is_turn() const;
   void find_pairs();
-  [[nodiscard]] double drift(const WavePropagators::Propagator& E, bool with_energy);
-  [[nodiscard]] double turn_pairs(const WavePropagators::Propagator& E, bool with_energy);
+  [[nodiscard]] double drift(WavePropagators::Propagator& E, bool with_energy);
+  [[nodiscard]] double turn_pairs(WavePropagators::Propagator& E, bool with_energy);
   [[nodiscard]] bool kick(double tau);
   [[nodiscard]] bool kick_from_here(double tau);
   void kick_by(std::size_t v, const WaveRows& slopes, double tau);
   void kick_before_turn(const WaveRows& slopes, double tau);
   void finish_kick();
-  [[nodiscard]] double node_energy(std::span<const double> N) const;
+  [[nodiscard]] double evaluate(formula::BatchEvaluator& code, std::span<const double* const> inputs,
+                                grids::FieldSet& outputs) const;
   [[nodiscard]] bool evaluate_rest(const WaveRows& rows, At at);
   void write(const WaveRows& rows, At at, grids::FieldSet& fields);
+  void write_others(const WaveRows& rows, grids::FieldSet& fields);
+  void to_fields(const WaveRows& rows, std::span<const int> which, std::span<const int> to, grids::FieldSet& fields);
   void write_rates(const WaveRows& rows, At at, grids::FieldSet& rates, const std::vector<bool>& asked);
   void forget();
 
@@ -144,8 +148,8 @@ private:
   WaveRows first_kick_;                ///< the same where it stands
   grids::FieldSet values_;             ///< the varying fields at the nodes, then τ
   std::vector<const double*> inputs_;  ///< the varying fields, the coordinates, τ
-  grids::FieldSet outputs_;            ///< N and ∇N
-  grids::FieldSet turned_;             ///< N and that
+  grids::FieldSet outputs_;            ///< ∇N
+  grids::FieldSet turned_;             ///< where they are turned to
   double rest_energy_ = 0.0;           ///< Σ ΔV N as last evaluated
   double constant_rest_ = 0.0;         ///< the same where N depends on no field
   At rest_at_ = At::nowhere;           ///< what values_ and outputs_ are of

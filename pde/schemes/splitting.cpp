@@ -36,6 +36,10 @@ public:
   [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double) override {
     forget_trial();
+    if (reported_ && !keeps_previous_) {  // few levels are asked for
+      forget_level();
+      reported_ = false;
+    }
     count_iterations(1);
     if (!splitting_.step(composition_, h)) {
       return Status::undefined;
@@ -45,12 +49,9 @@ public:
   }
   void accept() override {
     splitting_.accept();
-    if (reported_ && !keeps_previous_) {  // few levels are asked for
-      forget_level();
-    }
     reported_ = false;
-    grow_older();
     move();
+    grow_older();
   }
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
@@ -86,14 +87,22 @@ public:
 
 private:
   [[nodiscard]] double energy_at_end() const override { return splitting_.energy(); }
-  [[nodiscard]] double energy_at_start() const override { return splitting_.energy_here(); }
+  [[nodiscard]] double energy_at_start() const override {
+    const double energy = splitting_.energy_here();
+    give_back_beside_level();
+    return energy;
+  }
   void append_level() const override {
     if (!reported_) {
-      if (!keeps_previous_) {
-        splitting_.give_back_rest();
-      }
-      splitting_.fields_here(level_.fields);
       reported_ = true;
+      give_back_beside_level();
+      splitting_.fields_here(level_.fields);
+    }
+  }
+  /// Few levels are asked for: what a step makes anew need not be in memory beside them.
+  void give_back_beside_level() const {
+    if (reported_ && !keeps_previous_ && trial_h() == 0.0) {
+      splitting_.give_back();
     }
   }
 
@@ -189,25 +198,16 @@ private:
 class WaveConstraints final : public ConstrainedFields {
 public:
   WaveConstraints(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation)
-      : is_found_(system.structure().algebraic),
-        splitting_(system, grid, collocation),
-        all_(system.field_count(), grid.size()) {}
+      : splitting_(system, grid, collocation) {}
 
   [[nodiscard]] Status find(LatticeLevel& level) override {
     splitting_.stand(level);
-    splitting_.fields_here(all_);
-    for (int f = 0; f < all_.fields(); ++f) {
-      if (is_found_[static_cast<std::size_t>(f)]) {
-        std::ranges::copy(std::as_const(all_).field(f), level.fields.field(f).begin());
-      }
-    }
+    splitting_.others_here(level.fields);
     return Status::success;
   }
 
 private:
-  std::vector<bool> is_found_;
   WaveSplitting splitting_;
-  grids::FieldSet all_;
 };
 
 /// Compositions of the waves' exact flow and that of what is left of S: WaveSplitting.
