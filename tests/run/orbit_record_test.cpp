@@ -2,12 +2,14 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <filesystem>
 #include <string>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include <rubato/base/limits.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
@@ -66,6 +68,34 @@ TEST_CASE("check sees a record that was altered") {
   const Outcome mended = check(file);
   CHECK(mended.status == ExitStatus::contradiction);
   CHECK(mended.statistics.energy_deviation() <= 1e-13);
+}
+
+TEST_CASE("check allows for the rounding of terms that cancel in H, and for no more") {
+  const Folder folder;
+  const std::string file = folder / "orbit.h5";
+  struct Case {
+    std::string H;
+    double terms;  // the magnitudes of the terms of H
+  };
+  for (const Case& example : {Case{"p^2/(2*2*1.5^2) + 2*9.81*1.5*(1-cos(q))", 60.0}, Case{"p^2/2 + cosh(q) - 1", 2.0},
+                              Case{"sqrt(10^2+p^2) - 10 + q^2/2", 20.0}, Case{"p^2/2 + exp(q) - q - 1", 2.0}}) {
+    INFO(example.H);
+    const Problem problem = parse_problem(
+        fmt::format(
+            "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"{}\"\n[initial]\nq = 0.05\np = 0\n[scheme]\nstep = 0.01\n"
+            "until = 5\n",
+            example.H),
+        "cancelling.toml", {});
+    REQUIRE(run(problem, {.output = file, .overwrite = true}).status == ExitStatus::done);
+    const Outcome checked = check(file);
+    CHECK(checked.status == ExitStatus::done);
+    CHECK(checked.disagreements.empty());
+    // No more than a few of the operations of H round as much as its terms.
+    falsify(file, "/levels/node_energy", 100, 16.0 * epsilon * example.terms);
+    const Outcome altered = check(file);
+    CHECK(altered.status == ExitStatus::contradiction);
+    CHECK(std::ranges::count(altered.disagreements, "/levels/node_energy", &Disagreement::dataset) == 1);
+  }
 }
 
 TEST_CASE("Kepler with e = 0.85 stops at the singular set, and says where; its record is whole") {
