@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <iterator>
 #include <memory>
 #include <numbers>
 
@@ -12,15 +11,14 @@
 #include <rubato/pde/action_consistency.hpp>
 #include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/periodicity.hpp>
-#include <rubato/pde/twists.hpp>
 #include <rubato/pde/well_posedness.hpp>
 
 namespace rubato {
 
 namespace {
 
-/// A field with less than this part of the energy is rounding errors, and so is a wave with less of a field's power.
-constexpr double least_energy = 1e-10, least_power = 1e-20;
+/// A field with less than this part of the energy is rounding errors.
+constexpr double least_energy = 1e-10;
 /// The highest wave that counts has so much of the energy.
 constexpr double counting_wave = 1e-3;
 /// A field that is smaller than this at the seam, of its largest, is at rest there; larger than that it has come there.
@@ -134,23 +132,13 @@ Eigen::MatrixXd LatticeMeter::hessian_of(const std::vector<Spectrum>& spectra) c
   return hessian_of_sizes(system_, grid_, sizes);
 }
 
-/// The waves of a field that is constant but for rounding, its own and that of the fields that it turns with, are none;
-/// nor are those of a field that is 0 but for the rounding of others.
-void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra) const {
-  const std::vector<Spectrum> all = spectra;
+/// A field has no waves where they are rounding, of what its values or those of other fields are sums of.
+void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra, std::span<const double> magnitudes) const {
   const std::vector<double> natural = natural_sizes(system_, grid_, hessian_of(spectra));
-  std::vector<double> waves;
-  std::ranges::transform(all, std::back_inserter(waves), [](const Spectrum& one) { return std::sqrt(one.power); });
-  const double largest = largest_in(natural, waves);
-  for (int f = 0; f < system_.field_count(); ++f) {
-    double size = 0.0;
-    for (const int partner : mixed_fields(system_.turns(), f)) {
-      const Spectrum& one = all[static_cast<std::size_t>(partner)];
-      size += one.sum * one.sum + one.power;
-    }
-    Spectrum& spectrum = spectra[static_cast<std::size_t>(f)];
-    const double of_others = rounding_beside_others * largest * natural[static_cast<std::size_t>(f)];
-    if (!(spectrum.power > std::max(least_power * size, of_others * of_others))) {
+  const double rounding = rounding_beside_others * largest_in(natural, magnitudes) * static_cast<double>(grid_.size());
+  for (std::size_t f = 0; f < spectra.size(); ++f) {
+    Spectrum& spectrum = spectra[f];
+    if (!(std::sqrt(spectrum.power) > rounding * natural[f])) {
       spectrum.power = spectrum.last = spectrum.alternating = 0.0;
       for (std::vector<double>& along : spectrum.along) {
         std::ranges::fill(along, 0.0);
@@ -159,8 +147,8 @@ void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra) const {
   }
 }
 
-void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double t, double h,
-                           figures::Measures& measures) {
+void LatticeMeter::measure(const LatticeLevel& level, std::span<const double> magnitudes, std::size_t number, double t,
+                           double h, figures::Measures& measures) {
   const bool is_start = h == 0.0;
   measures.rough = rough_ ? 1.0 : 0.0;
   measures.action = action_;
@@ -170,7 +158,7 @@ void LatticeMeter::measure(const LatticeLevel& level, std::size_t number, double
     const bool has_waves = !system_.structure().at_midpoints(f);
     spectra.push_back(has_waves ? spectrum_of(level.fields.field(f)) : Spectrum{});
   }
-  remove_rounding(spectra);
+  remove_rounding(spectra, magnitudes);
   const Eigen::MatrixXd hessian = hessian_of(spectra);
   Eigen::MatrixXd weights = hessian.cwiseAbs();
   for (int axis = 0; axis < system_.directions(); ++axis) {

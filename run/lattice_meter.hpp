@@ -28,9 +28,12 @@ public:
   LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid,
                const LatticeLevel& first);
 
+  /// \param magnitudes of each field, the largest number that its values are sums of: a ramp that the level is without
+  /// leaves its rounding there
   /// \param number of the level; the steps are compared with the waves where it is a power of two, which is enough to
   /// see waves come up \param h of the step that led to the level; 0 at the start
-  void measure(const LatticeLevel& level, std::size_t number, double t, double h, figures::Measures& measures);
+  void measure(const LatticeLevel& level, std::span<const double> magnitudes, std::size_t number, double t, double h,
+               figures::Measures& measures);
 
 private:
   /// The power of a field's waves.
@@ -44,7 +47,7 @@ private:
   };
   [[nodiscard]] Spectrum spectrum_of(std::span<const double> values);
   [[nodiscard]] std::vector<double> powers_along(int axis, std::span<const double> values);
-  void remove_rounding(std::vector<Spectrum>& spectra) const;
+  void remove_rounding(std::vector<Spectrum>& spectra, std::span<const double> magnitudes) const;
   [[nodiscard]] Eigen::MatrixXd hessian_of(const std::vector<Spectrum>& spectra) const;
   void measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
                     const std::vector<double>& energies, double t, double h, figures::Measures& measures) const;

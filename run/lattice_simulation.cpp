@@ -79,10 +79,16 @@ public:
     if (grids::Slab::present() != nullptr) {
       return;
     }
+    const LatticeLevel& level = lattice_.level();
+    std::vector<double> magnitudes;
+    for (int f = 0; f < level.fields.fields(); ++f) {
+      magnitudes.push_back(
+          std::max(grids::max_abs(level.fields.field(f)), whole_.largest_addend(f, level.fields.all())));
+    }
     if (mirrors_) {
-      meter_.measure(mirrors_->extended_without_slope(lattice_.level()), number, t(), last_h_, measures);
+      meter_.measure(mirrors_->extended_without_slope(level), magnitudes, number, t(), last_h_, measures);
     } else {
-      meter_.measure(lattice_.level(), number, t(), last_h_, measures);
+      meter_.measure(level, magnitudes, number, t(), last_h_, measures);
     }
     // A wave that rests in the frame shows no increment.
     if (number < (frame_ ? 1U : 2U)) {

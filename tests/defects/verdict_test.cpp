@@ -130,6 +130,35 @@ TEST_CASE("fields and an energy of the size of rounding errors are not judged, a
   CHECK(has(bad.judgement, ReasonKind::spectrum));
 }
 
+TEST_CASE("the rounding errors of constants and ramps are no waves") {
+  struct Still {
+    std::string equation, axis, u, lagrangian;
+  };
+  const auto [equation, axis, u, lagrangian] = GENERATE(values<Still>({
+      {"u_t + 6*u*u_x + u_xxx = 0", "", "0.7", "box"},
+      {"u_t + u_x + u*u_x - u_xxt = 0", "", "0.5", "box"},
+      {"i*psi_t + psi_xx - abs2(psi)*psi = 0", "", "0.7", "box"},
+      {"u_tt = u_xx", ", left = \"fixed\", right = \"fixed\"", "2*x/7", "leapfrog"},
+      {"u_tt = u_xx - sin(u)", ", jump = { u = \"2*pi\" }", "2*pi*x/7", "fourier"},
+  }));
+  INFO(equation);
+  const Folder folder;
+  const auto judgement_of = [&, &equation = equation, &axis = axis, &u = u,
+                             &lagrangian = lagrangian](const std::string& added) {
+    const std::string text = "[field]\nequation = \"" + equation + "\"\n[grid]\nx = { from = 0, to = 7, cells = 33" +
+                             axis + " }\n[initial]\n" + (equation.starts_with("i") ? "psi" : "u") + " = \"" + u +
+                             added + "\"\n" + (equation.starts_with("u_tt") ? "u_t = 0\n" : "") +
+                             "[scheme]\nlagrangian = \"" + lagrangian +
+                             "\"\nlevels = \"fixed\"\nstep = 0.02\nuntil = 2\n";
+    return run(parse_problem(text, "still.toml"), {.output = folder / "record.h5", .overwrite = true}).judgement;
+  };
+  const figures::Judgement good = judgement_of("");
+  INFO(figures::text_of(good));
+  CHECK(good.verdict == Verdict::good);
+  // The twin: the shortest waves are as small as 1e-6 of that, no rounding.
+  CHECK(has(judgement_of(" + 1e-6*sin(2*pi*15*x/7)"), ReasonKind::spectrum));
+}
+
 TEST_CASE("thirty good runs are good, and thirty bad ones are not or end early", "[long]") {
   const bool are_good = GENERATE(true, false);
   const auto problems = problems_in(are_good ? "verdict-good.txt" : "verdict-bad.txt");
