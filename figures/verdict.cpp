@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
 
@@ -18,8 +19,14 @@ constexpr double doubtful_energy = 0.1, lost_energy = 0.5;
 constexpr double doubtful_waves = 1e-6, lost_waves = 1e-2;
 /// Breaks of slope or value at the seam below this are less than truncation errors usually are.
 constexpr double doubtful_period = 1e-3;
-/// Errors of an exact solution at the start are rounding; those of its first increment the error of one step.
-constexpr double wrong_start = 1e-6, wrong_residual = 0.2;
+/// Errors of an exact solution at the start are rounding; those of its first increment truncation errors, of the cells
+/// and of one step.
+constexpr double wrong_start = 1e-6, wrong_residual = 0.05;
+/// Of the first increment the error of a step of the midpoint rule, (ωh)²/6 of it: ω h = 2π over the steps per turn.
+double error_of_step(double steps_per_turn) {
+  const double angle = 2.0 * std::numbers::pi / steps_per_turn;
+  return angle * angle / 6.0;
+}
 /// Relative deviations of E_k below this are rounding: the law does not determine h there, and any step meets it.
 constexpr double least_off_law = 1e-9;
 /// So are those of so many rounding errors of H where the energy is 0: E_k sums up the stages or parts of a step.
@@ -130,7 +137,7 @@ private:
                fmt::format("[exact] differs from [initial] at the start by {:.2g} of its size", measures_.exact_start),
            .remedy = "correct the formula of [exact], or the initial data"});
     }
-    if (measures_.exact_residual > wrong_residual) {
+    if (measures_.exact_residual > std::fmax(wrong_residual, error_of_step(measures_.turn))) {
       add({.kind = ReasonKind::exact,
            .verdict = Verdict::doubtful,
            .value = measures_.exact_residual,

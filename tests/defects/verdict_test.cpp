@@ -159,6 +159,30 @@ TEST_CASE("the rounding errors of constants and ramps are no waves") {
   CHECK(has(judgement_of(" + 1e-6*sin(2*pi*15*x/7)"), ReasonKind::spectrum));
 }
 
+TEST_CASE("[exact] of another frequency is found by its first increment, and the right one is not") {
+  const auto scheme = GENERATE(as<std::string>{}, "euler-box", "box", "leapfrog", "fourier", "splitting");
+  // At rest; and a travelling wave, whose first increment is of the order of the step.
+  const auto [u_t, u] = GENERATE(
+      values<std::pair<std::string, std::string>>({{"0", "cos(k*x)*cos(f*w*t)"}, {"w*sin(k*x)", "cos(k*x - f*w*t)"}}));
+  const auto step = GENERATE(as<std::string>{}, "0.02", "0.5");
+  INFO(scheme << ", " << u << ", " << step);
+  const Folder folder;
+  const auto doubts = [&, &u_t = u_t, &u = u](const std::string& f) {
+    const std::string text =
+        "[field]\nequation = \"u_tt = u_xx - u\"\n[parameters]\nk = \"2*pi/6\"\nw = \"sqrt(1 + k^2)\"\nf = " + f +
+        "\n[grid]\nx = { from = 0, to = 6, cells = 25 }\n[initial]\nu = \"cos(k*x)\"\nu_t = \"" + u_t +
+        "\"\n[exact]\nu = \"" + u + "\"\n[scheme]\nlagrangian = \"" + scheme +
+        "\"\nlevels = \"fixed\"\nuntil = 2\nstep = ";
+    return has(run(parse_problem(text + (scheme == "leapfrog" || scheme == "euler-box" ? "0.02" : step), "exact.toml"),
+                   {.output = folder / "record.h5", .overwrite = true})
+                   .judgement,
+               ReasonKind::exact);
+  };
+  CHECK_FALSE(doubts("1"));
+  // The error of a step of order 1 from rest is that of a larger frequency, too.
+  CHECK(doubts(scheme == "euler-box" && u_t == "0" ? "0.5" : step == "0.5" ? "1.5" : "1.1"));
+}
+
 TEST_CASE("thirty good runs are good, and thirty bad ones are not or end early", "[long]") {
   const bool are_good = GENERATE(true, false);
   const auto problems = problems_in(are_good ? "verdict-good.txt" : "verdict-bad.txt");
