@@ -23,8 +23,9 @@ public:
   }
   /// Goes on from those of begin().
   /// \param for_each_entry calls its argument with row, column and value of all entries, at each of several sweeps
+  /// \param most_uneven the binary digits that rows and columns may differ by at the end
   template <class ForEachEntry>
-  void find(const ForEachEntry& for_each_entry) {
+  void find(const ForEachEntry& for_each_entry, int most_uneven = most_uneven_of_pivots) {
     for (int sweep = 0; sweep < most_sweeps; ++sweep) {
       row_.assign(row_.size(), 0.0);
       column_.assign(column_.size(), 0.0);
@@ -36,7 +37,7 @@ public:
           column_[j] += size;
         }
       });
-      if (!are_uneven()) {
+      if (!are_uneven(most_uneven)) {
         return;
       }
       differ_ = true;
@@ -56,14 +57,14 @@ public:
 
 private:
   static constexpr int most_sweeps = 32;
-  /// Binary digits that rows and columns may differ by: as many are lost of a correction, which need not be accurate.
-  static constexpr int most_uneven = 10;
+  /// As many digits are lost of a correction, which need not be accurate.
+  static constexpr int most_uneven_of_pivots = 10;
 
   [[nodiscard]] int unevenness(std::size_t i) const {
     const double ratio = row_[i] / column_[i];
     return std::isnormal(ratio) ? std::ilogb(ratio) : 0;
   }
-  [[nodiscard]] bool are_uneven() const {
+  [[nodiscard]] bool are_uneven(int most_uneven) const {
     for (std::size_t i = 0; i < unit_.size(); ++i) {
       if (std::abs(unevenness(i)) > most_uneven) {
         return true;

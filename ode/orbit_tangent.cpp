@@ -80,12 +80,17 @@ public:
     Eigen::Map<MatrixXd> all(columns.data(), 2 * rows, count);
     const MatrixXd before = all.topRows(rows);
     const MatrixXd rhs = -all.bottomRows(rows) - block(0, 0).lazyProduct(before);
-    const auto after = solve::quotient(block(0, 1), rhs);
-    if (!after) {
+    const MatrixXd A = block(0, 1);
+    // Coordinates and momenta have units of their own, which pivots should not be chosen by.
+    const solve::Equilibration units = solve::equilibrate(A.cwiseAbs());
+    const auto scaled =
+        solve::quotient(units.rows.asDiagonal() * A * units.columns.asDiagonal(), units.rows.asDiagonal() * rhs);
+    if (!scaled) {
       return Status::singular;
     }
-    all.topRows(rows) = *after;
-    all.bottomRows(rows) = block(1, 0).lazyProduct(before) + block(1, 1).lazyProduct(*after);
+    const MatrixXd after = units.columns.asDiagonal() * *scaled;
+    all.topRows(rows) = after;
+    all.bottomRows(rows) = block(1, 0).lazyProduct(before) + block(1, 1).lazyProduct(after);
     return all.allFinite() ? Status::success : Status::undefined;
   }
 

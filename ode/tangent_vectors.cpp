@@ -10,12 +10,17 @@
 #include <fmt/format.h>
 
 #include <rubato/base/larger.hpp>
+#include <rubato/ode/component_units.hpp>
 
 namespace rubato {
 
 namespace {
 
 constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
+/// Radians in a step, of the slowest motion that units are found by. Smaller: a first step that a force hardly reaches
+/// gets units of a motion that is slower than the rest of the orbit's. Larger: slow motions have exponents that depend
+/// on units by its square root over the time.
+constexpr double least_turn = 0x1p-10;
 
 double dot(std::span<const double> u, std::span<const double> v) {
   double sum = 0.0;
@@ -123,7 +128,11 @@ double two_form_defect(std::span<const double> before, std::span<const double> a
 
 TangentVectors::TangentVectors(std::unique_ptr<OrbitTangent> tangent, std::size_t dimension, std::size_t count,
                                bool with_matrix)
-    : tangent_(std::move(tangent)), dimension_(dimension), count_(count), logarithms_(count, 0.0) {
+    : tangent_(std::move(tangent)),
+      dimension_(dimension),
+      count_(count),
+      units_(dimension / 2, 1.0),
+      logarithms_(count, 0.0) {
   if (count > dimension) {
     throw std::invalid_argument(fmt::format(
         "{} tangent vectors in a phase space of dimension {}: there are no more than that", count, dimension));
@@ -142,26 +151,83 @@ TangentVectors::TangentVectors(std::unique_ptr<OrbitTangent> tangent, std::size_
 Status TangentVectors::step(std::span<const double> z_0, std::span<const double> z_1, double t_0, double h) {
   const std::size_t size = tangent_->size();
   if (!begun_) {
+    if (const Status status = find_units(z_0, z_1, t_0, h); status != Status::success) {
+      return fail(status);
+    }
     before_ = columns_;
     columns_.assign(columns_.size() / dimension_ * size, 0.0);
     begun_ = true;
     if (const Status status = tangent_->lift(z_0, z_1, t_0, h, before_, columns_); status != Status::success) {
       return fail(status);
     }
-    if (size != dimension_ && !orthonormalise(std::span(columns_).first(count_ * size), count_, logarithms_)) {
-      return fail(Status::singular);
+    if (size != dimension_) {
+      to_units(columns_, size);
+      const bool independent = orthonormalise(std::span(columns_).first(count_ * size), count_, logarithms_);
+      to_units(columns_, size, true);
+      if (!independent) {
+        return fail(Status::singular);
+      }
     }
   }
   before_ = columns_;
   if (const Status status = tangent_->step(z_0, z_1, t_0, h, columns_); status != Status::success) {
     return fail(status);
   }
-  const auto vectors = std::span(columns_).first(count_ * size);
-  defect_ = two_form_defect(std::span(before_).first(count_ * size), vectors, count_);
   if (!matrix_.empty()) {
     read_matrix();
   }
-  return orthonormalise(vectors, count_, logarithms_) ? Status::success : fail(Status::undefined);
+  to_units(before_, size);
+  to_units(columns_, size);
+  const auto vectors = std::span(columns_).first(count_ * size);
+  defect_ = two_form_defect(std::span(before_).first(count_ * size), vectors, count_);
+  const bool independent = orthonormalise(vectors, count_, logarithms_);
+  to_units(columns_, size, true);
+  return independent ? Status::success : fail(Status::undefined);
+}
+
+Status TangentVectors::find_units(std::span<const double> z_0, std::span<const double> z_1, double t_0, double h) {
+  const std::size_t n = dimension_ / 2, size = tangent_->size();
+  std::vector<double> identity(dimension_ * dimension_, 0.0), columns(dimension_ * size, 0.0);
+  for (std::size_t i = 0; i < dimension_; ++i) {
+    identity[i * dimension_ + i] = 1.0;
+  }
+  Status status = tangent_->lift(z_0, z_1, t_0, h, identity, columns);
+  status = status == Status::success ? tangent_->step(z_0, z_1, t_0, h, columns) : status;
+  if (status != Status::success) {
+    return status;
+  }
+  // Of a two-step map, too, what comes first in a column is the variation of z.
+  const auto entry = [&](std::size_t row, std::size_t column) { return columns[column * size + row]; };
+  ComponentUnits units(dimension_);
+  units.find(
+      [&](const auto& use) {
+        for (std::size_t column = 0; column < dimension_; ++column) {
+          for (std::size_t row = 0; row < dimension_; ++row) {
+            double value = std::abs(entry(row, column));
+            if (row == column + n) {
+              const double weakest = least_turn * least_turn / std::abs(entry(column, row));
+              value = std::isfinite(weakest) ? std::max(value, weakest) : value;
+            }
+            use(row, column, value);
+          }
+        }
+      },
+      1);
+  std::copy_n(units.data(), n, units_.begin());
+  to_units(columns_, dimension_, true);
+  return Status::success;
+}
+
+void TangentVectors::to_units(std::span<double> columns, std::size_t size, bool back) const {
+  const std::size_t n = units_.size();
+  for (std::size_t i = 0; i < size; ++i) {
+    // (q, p), and after it of a two-step map the momenta of both.
+    const bool inverse = (i / n == 1 || i / n == 2) != back;
+    const double factor = inverse ? units_[i % n] : 1.0 / units_[i % n];
+    for (std::size_t column = 0; column < count_; ++column) {
+      columns[column * size + i] *= factor;
+    }
+  }
 }
 
 Status TangentVectors::fail(Status status) {
@@ -183,6 +249,7 @@ void TangentVectors::read_matrix() {
 
 void TangentVectors::save(StateWriter& state) const {
   state.write(begun_ ? 1.0 : 0.0);
+  state.write(units_);
   state.write(columns_);
   tangent_->save(state);
 }
@@ -194,6 +261,7 @@ void TangentVectors::restore(StateReader& state) {
                     (begun ? tangent_->size() : dimension_));
     begun_ = begun;
   }
+  state.read(std::span<double>(units_));
   state.read(std::span<double>(columns_));
   tangent_->restore(state);
   if (!matrix_.empty()) {

@@ -30,6 +30,11 @@ namespace rubato {
 /// the Lyapunov exponents of the discrete flow. With all 2n of them from symplectic_start() each R is symplectic, and
 /// ln r_ii cancels that of the i-th from the end in every step.
 ///
+/// Lengths and angles of vectors are those in units u_i of q_i and 1/u_i of p_i, powers of 2 that make rows and columns
+/// of the first step's tangent about even (Parlett and Reinsch 1969). They leave dp∧dq as it is, and a problem in other
+/// units has the same exponents. A first step without force determines no u_i by its p_i: for that the force is taken
+/// to be the weakest that turns the motion in some 6,000 steps.
+///
 /// Besides them, on request, the columns of the state-transition matrix ∂z_k/∂z_0, which are left as they become.
 class TangentVectors {
 public:
@@ -54,10 +59,15 @@ public:
 private:
   [[nodiscard]] Status fail(Status status);
   void read_matrix();
+  /// From the tangent of the first step. Carries the vectors, which are orthonormal in these units, along.
+  [[nodiscard]] Status find_units(std::span<const double> z_0, std::span<const double> z_1, double t_0, double h);
+  /// The vectors among `columns`, of `size` entries each, to their units, or back.
+  void to_units(std::span<double> columns, std::size_t size, bool back = false) const;
 
   std::unique_ptr<OrbitTangent> tangent_;
   std::size_t dimension_, count_;
-  bool begun_ = false;  ///< true if columns are what the tangent carries, and no longer variations of z_0
+  bool begun_ = false;         ///< true if columns are what the tangent carries, and no longer variations of z_0
+  std::vector<double> units_;  ///< of the coordinates
   std::vector<double> columns_, before_, logarithms_, matrix_;
   double defect_ = 0.0;
 };
