@@ -1,5 +1,6 @@
 #include <rubato/ode/constrained_midpoint.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 #include <rubato/base/limits.hpp>
@@ -86,17 +87,28 @@ private:
       correction_.tail(c_) = at_.g();
       solver_.solve(correction_.data());
       unknowns_ -= correction_;
-      const double size_of_correction = correction_.head(2 * n_).lpNorm<Eigen::Infinity>();
-      const double size = size_of_correction == 0.0 ? 0.0 : size_of_correction / increment.lpNorm<Eigen::Infinity>();
+      // Coordinates and momenta have units of their own.
+      const double of_q = largest_in(0, correction_), of_p = largest_in(n_, correction_);
+      const double size = std::max(ratio(of_q, largest_in(0, increment)), ratio(of_p, largest_in(n_, increment)));
       if (!std::isfinite(size)) {
         return Status::undefined;
       }
       factored = size <= slowest_multipliers * last;
       settled = size / last * size <= tuning::least_leftover || size <= epsilon ||
-                (size >= 0.5 * last && size <= stagnant_constraint);
+                (size >= 0.5 * last && of_q <= stagnant_constraint * largest_in(0, at_end_) &&
+                 of_p <= stagnant_constraint * largest_in(n_, middle_));
       last = size;
     }
     return Status::not_converged;
+  }
+
+  /// The largest of the coordinates (from 0) or momenta (from n).
+  template <class Vector>
+  [[nodiscard]] double largest_in(Index from, const Vector& z) const {
+    return z.segment(from, n_).template lpNorm<Eigen::Infinity>();
+  }
+  [[nodiscard]] static double ratio(double correction, double increment) {
+    return correction == 0.0 ? 0.0 : correction / increment;
   }
 
   /// The derivatives of what is left of the equations.
