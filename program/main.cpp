@@ -438,6 +438,14 @@ private:
         message += "; " + guess;
       }
     }
+    const auto is_setting = [](const std::string& word) {
+      return !word.starts_with('-') && word.find('=') != std::string::npos;
+    };
+    if (const std::vector<std::string> left = app_.remaining(true);
+        !left.empty() && std::ranges::all_of(left, is_setting)) {
+      message = fmt::format("{} stands alone: write --set before each setting, --set {}", left.front(),
+                            fmt::join(left, " --set "));
+    }
     const auto chosen = app_.get_subcommands();
     print_error(fmt::format("{}\nSee rubato {}--help", message, chosen.empty() ? "" : chosen[0]->get_name() + " "));
     return ExitStatus::wrong_input;

@@ -153,6 +153,8 @@ case $case_name in
     expect 2 'problem is required'
     run run pendulum --jsn
     expect 2 '--jsn'
+    run run pendulum --set scheme.step=0.1 scheme.until=1
+    expect 2 'write --set before each setting'
     run run pendulum --threads none
     expect 2 'number of threads'
     run resume a.h5 --until nan
