@@ -191,7 +191,7 @@ private:
     if (!are_exact) {
       return std::nullopt;
     }
-    const auto rest = potential_of(rows, factors);
+    const auto rest = potential_of(rows, factors, potential);
     return rest ? std::optional(density_from(reduced(L), *rest, potential)) : std::nullopt;
   }
 
@@ -254,9 +254,11 @@ private:
     return sum;
   }
 
-  /// V with ∂V/∂u_f the sum of the other terms of row f times its factor, found field by field.
-  [[nodiscard]] std::optional<Expression> potential_of(const std::vector<Row>& rows,
-                                                       const std::vector<double>& factors) {
+  /// V with ∂V/∂u_f, or ∂V/∂φ where u_f = φ_x, the sum of the other terms of row f times its factor, found field by
+  /// field.
+  [[nodiscard]] std::optional<Expression> potential_of(const std::vector<Row>& rows, const std::vector<double>& factors,
+                                                       std::optional<std::size_t> potential) {
+    const auto varied = [&](std::size_t f) { return f == potential ? graph_.variable(potential_name(f)) : field(f); };
     const Expression zero = graph_.constant(0.0);
     Expression V = zero;
     std::vector<Expression> before;
@@ -265,25 +267,25 @@ private:
       for (const Expression term : rows[f].others) {
         parts.push_back(factors[f] * term);
       }
-      if (has(V, field(f))) {
-        parts.push_back(-formula::derivative(V, field(f)));
+      if (has(V, varied(f))) {
+        parts.push_back(-formula::derivative(V, varied(f)));
       }
       if (!vanishes(parts)) {
         // What V lacks depends on no field before this one.
         for (const Expression part :
              formula::substitute(parts, graph_, before, std::vector<Expression>(before.size(), zero))) {
-          const auto integral = antiderivative(part, field(f));
+          const auto integral = antiderivative(part, varied(f));
           if (!integral) {
             without_integral_ = formula::to_string(part);
             return std::nullopt;
           }
           // 0 at u = 0, where that is a number: 1 - cos(u).
           const Expression at_zero =
-              formula::substitute(std::array{*integral}, graph_, std::array{field(f)}, std::array{zero}).front();
+              formula::substitute(std::array{*integral}, graph_, std::array{varied(f)}, std::array{zero}).front();
           V = V + (at_zero.is_constant() && std::isfinite(at_zero.constant_value()) ? *integral - at_zero : *integral);
         }
       }
-      before.push_back(field(f));
+      before.push_back(varied(f));
     }
     return V;
   }
@@ -324,6 +326,7 @@ private:
       return std::abs(sum) <= rounding * size;
     });
   }
+  [[nodiscard]] std::string potential_name(std::size_t f) const { return "potential_" + stated_.fields[f]; }
   [[nodiscard]] Expression field(std::size_t f) const { return graph_.variable(stated_.fields[f]); }
   [[nodiscard]] bool has(Expression e, Expression u) const {
     const std::vector<std::size_t> variables = formula::variables_of(e);
@@ -340,7 +343,7 @@ private:
     density.dimensions = stated_.dimensions;
     if (potential) {
       density.potentials.push_back({*potential, density.fields.size()});
-      density.fields.push_back("potential_" + stated_.fields[*potential]);
+      density.fields.push_back(potential_name(*potential));
     }
     const double sign = sign_of(L, potential.has_value());
     std::map<Jet, Expression> named;

@@ -27,9 +27,10 @@ struct FieldEquations {
 /// u_t has the factor exp(a t) in L; the density that is given is of w = exp(at/2) u, FieldDensity::damping = a, named
 /// scaled_u, with which coefficients of squares are constant. Terms with derivatives have to be polynomials with
 /// constant coefficients. Terms without may be any functions of the fields, x, y, z and t that have a potential in
-/// closed form, antiderivative() by one field after another. The density's own equations are derived again and
-/// compared, coefficient by coefficient. Its sign is that with which u_t² is positive or, where there is none, squares
-/// of derivatives by x are negative. \throws std::invalid_argument with the term that has no Lagrangian
+/// closed form, antiderivative() by one field after another, by φ where u = φ_x: a force f(x, t) adds φ f to L. The
+/// density's own equations are derived again and compared, coefficient by coefficient. Its sign is that with which u_t²
+/// is positive or, where there is none, squares of derivatives by x are negative. \throws std::invalid_argument with
+/// the term that has no Lagrangian
 [[nodiscard]] FieldDensity density_of(const FieldEquations& equations);
 
 }  // namespace rubato

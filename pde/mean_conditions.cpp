@@ -152,13 +152,37 @@ bool depends_on_field(const MultisymplecticSystem& system, const VectorXd& n, in
            return (entry.row == field && n[entry.column] != 0.0) || (entry.column == field && n[entry.row] != 0.0);
          });
 }
-bool depends_on_fields(const MultisymplecticSystem& system, const VectorXd& n) {
+/// True if no derivative in space sees the field.
+bool is_local(const MultisymplecticSystem& system, int field) {
+  for (int a = 0; a < system.directions(); ++a) {
+    if (!system.K(a).col(field).isZero(0.0)) {
+      return false;
+    }
+  }
+  return true;
+}
+/// \param but a field that does not count
+bool depends_on_fields(const MultisymplecticSystem& system, const VectorXd& n, std::optional<int> but = std::nullopt) {
   for (int f = 0; f < system.field_count(); ++f) {
-    if (depends_on_field(system, n, f)) {
+    if (f != but && depends_on_field(system, n, f)) {
       return true;
     }
   }
   return false;
+}
+
+/// The field that is the same at every node and grows by 1 in a unit of time, if there is one.
+std::optional<int> clock_of(const MultisymplecticSystem& system) {
+  for (int f = 0; f < system.field_count(); ++f) {
+    const VectorXd row = system.M().row(f).transpose();
+    Index partner = 0;
+    if (row.cwiseAbs().maxCoeff(&partner) != 0.0 && (row.array() != 0.0).count() == 1 &&
+        !depends_on_fields(system, VectorXd::Unit(row.size(), partner)) && is_local(system, f) &&
+        is_local(system, static_cast<int>(partner))) {
+      return f;
+    }
+  }
+  return std::nullopt;
 }
 
 /// The first field that is given and that a row depends on, or has the name of.
@@ -169,6 +193,17 @@ std::optional<int> given_field_of(const MultisymplecticSystem& system, const Ini
     }
   }
   return std::nullopt;
+}
+
+/// "dS/du + dS/dv", what the rows n add up to.
+std::string text_of_row(const MultisymplecticSystem& system, const VectorXd& n) {
+  std::vector<std::string> names;
+  for (int f = 0; f < system.field_count(); ++f) {
+    if (n[f] != 0.0) {
+      names.push_back("dS/d" + system.fields()[static_cast<std::size_t>(f)]);
+    }
+  }
+  return fmt::format("{}", fmt::join(names, " + "));
 }
 
 [[noreturn]] void refuse(std::optional<int> field, const std::string& message) {
@@ -287,7 +322,10 @@ private:
 }  // namespace
 
 MeanConditions::MeanConditions(const MultisymplecticSystem& system)
-    : system_(system), of_lines_(RowSearch(system, Means::of_lines).rows()), of_grid_(system.field_count(), 0) {
+    : system_(system),
+      clock_(clock_of(system)),
+      of_lines_(RowSearch(system, Means::of_lines).rows()),
+      of_grid_(system.field_count(), 0) {
   if (system.directions() > 1) {
     of_grid_ = RowSearch(system, Means::of_grid).rows();
   }
@@ -323,7 +361,7 @@ void MeanConditions::check_slopes(const grids::Grid& grid, const InitialFields& 
     const auto blamed = given[static_cast<std::size_t>(*of)] ? of : std::nullopt;
     const std::string& name = system_.fields()[static_cast<std::size_t>(*of)];
     const auto potential = std::as_const(level.fields).field(f);
-    if (!system_.structure().potential[i]) {
+    if (depends_on_fields(system_, VectorXd::Unit(system_.field_count(), f), clock_)) {
       if (const SlopeMiss found = miss_of_slopes(grid, potential, slopes, {});
           std::abs(found.miss) > cut_tails * found.size) {
         refuse(blamed, fmt::format("the mean of the initial {0} along x is {1:.3g}{2} ({0} is up to {3:.3g}), and has "
@@ -359,12 +397,6 @@ void MeanConditions::check_rows(const grids::Grid& grid, const InitialFields& gi
     if (!(std::abs(found.mean) > cut_tails * found.size + found.rounding)) {
       return;
     }
-    std::vector<std::string> names;
-    for (int f = 0; f < system_.field_count(); ++f) {
-      if (n[f] != 0.0) {
-        names.push_back("dS/d" + system_.fields()[static_cast<std::size_t>(f)]);
-      }
-    }
     bool has_others = false;
     for (int a = 1; a < system_.directions() && lines == 1; ++a) {
       has_others = has_others || !VectorXd(system_.K(a) * n).isZero(0.0);
@@ -373,7 +405,7 @@ void MeanConditions::check_rows(const grids::Grid& grid, const InitialFields& gi
     const std::string finding = fmt::format(
         "the mean {0} of {1}{2} has to be 0, as all else in that row is derivatives {3}; of the initial data it is "
         "{4:.3g}{5} (the largest value is {6:.3g})",
-        of_line ? "along x" : "over the grid", fmt::join(names, " + "),
+        of_line ? "along x" : "over the grid", text_of_row(system_, n),
         has_others ? " less the derivatives across x" : "", of_line ? "by x" : "in space", found.mean,
         of_line ? place_of_line(grid, found.line) : "", found.size);
     if (!has_others && !depends_on_fields(system_, n)) {
@@ -390,6 +422,36 @@ void MeanConditions::check_rows(const grids::Grid& grid, const InitialFields& gi
   }
   for (Index c = 0; c < of_grid_.cols(); ++c) {
     check(of_grid_.col(c), grid.size() / grid.cells(0));
+  }
+}
+
+void MeanConditions::check_forces(const grids::Grid& grid, std::span<const double> times) const {
+  if (!clock_ || of_lines_.cols() + of_grid_.cols() == 0) {
+    return;
+  }
+  LatticeLevel level{grids::FieldSet(system_.field_count(), grid.size()), {}};
+  for (const double t : times) {
+    std::ranges::fill(level.fields.field(*clock_), t);
+    std::optional<RowMeans> means;
+    for (const auto* rows : {&of_lines_, &of_grid_}) {
+      for (Index c = 0; c < rows->cols(); ++c) {
+        const VectorXd n = rows->col(c);
+        if (depends_on_fields(system_, n, clock_)) {
+          continue;
+        }
+        if (!means) {
+          means.emplace(system_, grid, level);
+        }
+        const RowMeans::Miss found = means->miss(n, rows == &of_lines_ ? 1 : grid.size() / grid.cells(0));
+        if (std::abs(found.mean) > cut_tails * found.size + found.rounding) {
+          throw std::invalid_argument(fmt::format(
+              "the mean {} of {} has to be 0 at all times, as all else in that row is derivatives; at t = {:.6g} it is "
+              "{:.3g} (the largest value is {:.3g}), whatever the fields: the equation has no periodic solution. "
+              "Subtract the mean from this term",
+              rows == &of_lines_ ? "along x" : "over the grid", text_of_row(system_, n), t, found.mean, found.size));
+        }
+      }
+    }
   }
 }
 

@@ -15,6 +15,7 @@
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/first_step.hpp>
+#include <rubato/pde/mean_conditions.hpp>
 #include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/initial_record.hpp>
 #include <rubato/problem/reader.hpp>
@@ -463,12 +464,30 @@ auto with_initial_fields(const Problem& problem, const MultisymplecticSystem& sy
 
 }  // namespace
 
+namespace {
+
+/// Times that no period has in common.
+std::vector<double> times_between(double start, double end) {
+  constexpr double golden = 0.6180339887498949;
+  std::vector<double> times;
+  for (int i = 1; i <= 8; ++i) {
+    times.push_back(std::lerp(start, end, std::fmod(golden * i, 1.0)));
+  }
+  return times;
+}
+
+}  // namespace
+
 LatticeIntegrator make_lattice(const Problem& problem) {
   const MultisymplecticSystem system = make_system(problem);
   return with_initial_fields(
       problem, system, [&](const grids::Grid& grid, const InitialFields& initial, LatticeOptions& options) {
         if (const auto& scheme = problem.scheme; !scheme.step) {
           options.step = choose_first_step(system, grid, initial, options, *scheme.energy_tolerance);
+        }
+        if (const auto& pde = *problem.multisymplectic(); pde.driven) {
+          at_location(pde.S.location,
+                      [&] { MeanConditions(system).check_forces(grid, times_between(options.start, options.until)); });
         }
         return LatticeIntegrator(system, grid, initial, options);
       });

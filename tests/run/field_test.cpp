@@ -544,3 +544,62 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
   CHECK_THAT(refusal("fields = [\"u\", \"v\"]\nL = \"(u_t - v_x)^2/2\""), Contains("a gauge"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2\"\nN = 1"), Contains("unknown key N"));
 }
+
+TEST_CASE("forces of place and time drive a field that has a potential, with their sign and a mean of the field") {
+  // u_t + u_x = f with u = m + 0.3 sin(x) sin(2t), and with u = m + 0.3 (cos(x - t) - cos(x)).
+  struct Forced {
+    std::string force;
+    double (*u)(double x, double t);
+  };
+  const std::vector<Forced> all = {
+      {"0.6*sin(x)*cos(2*t) + 0.3*cos(x)*sin(2*t)",
+       [](double x, double t) { return 0.3 * std::sin(x) * std::sin(2 * t); }},
+      {"0.3*sin(x)", [](double x, double t) { return 0.3 * (std::cos(x - t) - std::cos(x)); }},
+      {"(0.3*(1 - cos(x)))_x", [](double x, double t) { return 0.3 * (std::cos(x - t) - std::cos(x)); }}};
+  constexpr double mean = 0.2;
+  const Folder folder;
+  const auto error = [&](const Forced& one, double step, double sign) {
+    const std::string file = folder / "forced.h5";
+    const std::string text = fmt::format(
+        "[field]\nequation = \"u_t + u_x = {}\"\n[grid]\nx = {{ from = 0, to = \"2*pi\", cells = 33 }}\n"
+        "[initial]\nu = {}\n[scheme]\nlagrangian = \"fourier\"\nlevels = \"fixed\"\nstep = {}\nuntil = 1\n",
+        one.force, mean, step);
+    REQUIRE(run(parse_problem(text, "forced"), {.output = file, .overwrite = true, .threads = 1}).status ==
+            ExitStatus::done);
+    CHECK(check(file).status == ExitStatus::done);
+    const record::Reader reader(file);
+    const std::vector<double> u = reader.read("/states/u"), x = reader.read("/grid/x");
+    double worst = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      worst = std::max(worst, std::abs(u[u.size() - x.size() + i] - (mean + sign * one.u(x[i], 1.0))));
+    }
+    return worst;
+  };
+  for (const Forced& one : all) {
+    INFO(one.force);
+    const double coarse = error(one, 0.1, 1.0), middle = error(one, 0.05, 1.0), fine = error(one, 0.025, 1.0);
+    CHECK(std::log2(coarse / middle) == Approx(2.0).margin(0.1));
+    CHECK(std::log2(middle / fine) == Approx(2.0).margin(0.1));
+    CHECK(error(one, 0.025, -1.0) > 0.1);  // the force with the other sign
+  }
+}
+
+TEST_CASE("a force that would move the mean of a field with a potential is refused at its equation") {
+  const auto said = [](const std::string& force) {
+    const std::string text = fmt::format(
+        "[field]\nequation = \"u_t + 6*u*u_x + u_xxx = {}\"\n[grid]\nx = {{ from = 0, to = \"2*pi\", cells = 33 }}\n"
+        "[initial]\nu = \"0.1*cos(x)\"\n[scheme]\nlagrangian = \"fourier\"\nstep = 0.01\nuntil = 0.1\n",
+        force);
+    try {
+      static_cast<void>(make_lattice(parse_problem(text, "forced")));
+    } catch (const ProblemError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  CHECK_THAT(said("cos(t)"), Contains("forced:2:") && Contains("at all times") && Contains("Subtract the mean"));
+  CHECK_THAT(said("sin(t)"), Contains("forced:2:") && Contains("at all times"));  // 0 at the start
+  CHECK_THAT(said("1 + cos(x)"), Contains("has to be 0"));
+  CHECK(said("cos(x)*cos(t)").empty());
+  CHECK(said("cos(x)").empty());
+}
