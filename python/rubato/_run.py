@@ -91,8 +91,17 @@ def _warn(sentences):
         warnings.warn(sentence, RubatoWarning, stacklevel=level)
 
 
+def _doubts(result) -> list:
+    """Why a result is not good, but for what its warnings say."""
+    told = " ".join(result.warnings)
+    return [f"{result.verdict}: {reason['finding']}; {reason['remedy']}"
+            for reason in result.figures.get("reasons", ()) if reason["what"] != "end" and reason["finding"] not in told]
+
+
 def _finish(result: Result) -> Result:
     _warn(result.warnings)
+    if isinstance(result, Result) and result.verdict in ("doubtful", "lost"):
+        _warn(_doubts(result))
     if result.status == 130:
         raise Interrupted(result)
     return result

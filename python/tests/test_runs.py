@@ -544,6 +544,16 @@ class Memory(unittest.TestCase):
                 self.assertEqual(warning.filename, __file__)
                 self.assertIs(warning.category, rb.RubatoWarning)
 
+    def test_a_result_that_is_not_good_says_so_at_once_and_one_that_is_says_nothing(self):
+        line = rb.Lattice(rb.Field("u_tt = u_xx - sin(u)"), {"x": (-20, 20, 41)},
+                          {"u": lambda x: np.exp(-x ** 2), "u_t": 0})
+        with self.assertWarnsRegex(rb.RubatoWarning, "^(doubtful|lost): the spectrum is full.*; take more cells"):
+            self.assertNotEqual(rb.integrate(line, (0, 1), step=0.1, scheme="fourier").verdict, "good")
+        oscillator = rb.Hamiltonian("q", "p", "(p^2 + q^2)/2")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            self.assertEqual(rb.integrate(oscillator, [1, 0], (0, 5), step=0.1).verdict, "good")
+
 
 if __name__ == "__main__":
     unittest.main()
