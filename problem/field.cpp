@@ -439,8 +439,17 @@ private:
   std::vector<std::array<std::size_t, 2>> read_pairs() {
     std::vector<std::array<std::size_t, 2>> pairs;
     if (const Entry* entry = section_.take("pairs")) {
+      std::vector<std::size_t> paired;
       for (const Value& pair : read_array(entry->value, "pairs", "pairs of fields")) {
         pairs.push_back(read_pair(pair, "pairs"));
+        for (const std::size_t f : pairs.back()) {
+          if (std::ranges::find(paired, f) != paired.end()) {
+            throw ProblemError(pair.location, fmt::format("pairs: {} is in a pair twice; a field that is not coupled "
+                                                          "with another is left out",
+                                                          density_.fields[f]));
+          }
+          paired.push_back(f);
+        }
       }
     }
     return pairs;

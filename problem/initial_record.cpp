@@ -210,6 +210,19 @@ void resolve_arrays(const std::string& from, const Section& root, const Entry* o
 
 }  // namespace
 
+namespace {
+
+/// The time of the level that is taken where none is named: the last; 0 where it has none.
+double time_of(const std::string& file, const Location& location) {
+  if (is_table(file)) {
+    return 0.0;
+  }
+  return is_array_source(file) ? level_of_arrays(file, {}, location).value_or(0.0)
+                               : find_state(record::Reader(file), std::nullopt, location).t;
+}
+
+}  // namespace
+
 void probe_sources_with(void (*probe)(const std::filesystem::path& file)) {
   probe_source = probe;
 }
@@ -229,29 +242,39 @@ bool resolve_initial_record(Value& root) {
       std::filesystem::is_regular_file(read_array_source(file).file)) {
     at_source(location, [&] { probe_source(read_array_source(file).file); });
   }
-  if (find(*initial, "take") != nullptr) {
-    const bool is_new = at == nullptr && (is_table(file) || at_source(location, [&] { return is_array_source(file); }));
-    if (is_new) {
-      const auto level =
-          is_table(file) ? std::nullopt : at_source(location, [&] { return level_of_arrays(file, {}, location); });
-      put(*initial, "at", {level.value_or(0.0), {}}, location);
+  const Entry* lagrangian = find(*root.table(), "lagrangian");
+  const Entry* orbit = lagrangian != nullptr ? lagrangian : find(*root.table(), "hamiltonian");
+  const bool equation = find(*root.table(), "field") != nullptr;
+  const bool lattice = equation || find(*root.table(), "multisymplectic") != nullptr;
+  if (!lattice && (orbit == nullptr || orbit->value.table() == nullptr)) {
+    throw ProblemError(location, "from needs a system: [hamiltonian], [lagrangian], [multisymplectic] or [field]");
+  }
+  if (const Entry* take = find(*initial, "take")) {
+    if (!lattice) {
+      throw ProblemError(take->location, "take is for lattices; an orbit takes all coordinates and momenta there are");
+    }
+    const bool is_new = at == nullptr || find(*initial, "t") == nullptr;
+    if (at == nullptr) {
+      put(*initial, "at", {at_source(location, [&] { return time_of(file, location); }), {}}, location);
+    }
+    if (find(*initial, "t") == nullptr) {
+      put(*initial, "t", {find(*initial, "at")->value}, location);
     }
     return is_new;
   }
   const std::optional<double> time = at == nullptr ? std::nullopt : std::optional(read_number(at->value, "at", {}));
   const Location time_location = at == nullptr ? location : at->value.location;
-  const Entry* lagrangian = find(*root.table(), "lagrangian");
-  const Entry* orbit = lagrangian != nullptr ? lagrangian : find(*root.table(), "hamiltonian");
-  const bool lattice = find(*root.table(), "multisymplectic") != nullptr;
-  if (!lattice && (orbit == nullptr || orbit->value.table() == nullptr)) {
-    throw ProblemError(location, "from is for [hamiltonian], [lagrangian] and [multisymplectic] problems");
-  }
   if (is_table(file)) {
     resolve_table(file, lattice, *initial, location);
     return true;
   }
   at_source(location, [&] {
     if (is_array_source(file)) {
+      if (equation) {
+        throw ProblemError(location, fmt::format("from: say which fields {} has, take = [\"u\", \"u_t\"] for instance; "
+                                                 "its datasets are {}",
+                                                 file, list_of_arrays(file)));
+      }
       resolve_arrays(file, Section(*root.table(), root.location, ""), lattice ? nullptr : orbit, lagrangian != nullptr,
                      time, *initial, location);
       return;

@@ -248,9 +248,8 @@ std::vector<KeyEntry> make_keys() {
       {"initial", "t", "number", "0", "The time of the start."},
       {"initial", "from", "text", none,
        "A record: what is not given here is taken from one of its states, and its time is that of the start. Or a "
-       "table, "
-       "NAME.csv: a line of names, then rows of numbers; on a lattice one for each node, with x, y, z where it is. Or "
-       "datasets of another HDF5 file, \"data.h5\" or \"data.h5:/group\", with the names of what they give."},
+       "table, NAME.csv: a line of names, then rows of numbers; on a lattice one for each node, with x, y, z where it "
+       "is. Or datasets of another HDF5 file, \"data.h5\" or \"data.h5:/group\", with the names of what they give."},
       {"initial", "at", "number", "the last",
        "Of from: the stored level nearest to this time; of datasets, by their t."},
       {"initial", "take", "list of names", "those that it was given itself",

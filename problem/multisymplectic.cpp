@@ -308,7 +308,10 @@ private:
     for (const Value& name : read_array(take->value, "take", "names of fields")) {
       const std::string& field = read_string(name, "take");
       if (std::ranges::find(fields_.names, field) == fields_.names.end()) {
-        throw ProblemError(name.location, fmt::format("take: there is no field {} here", field));
+        throw ProblemError(
+            name.location,
+            fmt::format("take: there is no field {} here; name those that there are, of {}, and give the others", field,
+                        fmt::join(fields_.names, ", ")));
       }
       if (find(section.entries(), field) != nullptr) {
         throw ProblemError(name.location, fmt::format("{} is given by a formula, and taken from a record", field));

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include <fmt/format.h>
@@ -104,6 +105,10 @@ public:
   }
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+  /// One past the last of each kind: coordinates and momenta, or fields.
+  [[nodiscard]] std::vector<std::size_t> kinds() const {
+    return coordinates_ == 0 ? std::vector{states_} : std::vector{coordinates_, states_};
+  }
   /// Whether both are coordinates, momenta or fields.
   [[nodiscard]] bool of_one_kind(std::size_t i, std::size_t j) const {
     return i == j || (std::max(i, j) < states_ && (i < coordinates_) == (j < coordinates_));
@@ -332,6 +337,38 @@ void refuse_fixed_next(const Problem& problem) {
   }
 }
 
+/// The doubt about a step whose error is as large as the motion: at least half of the largest value in each kind of
+/// quantities, as one of these may happen to vanish at the end.
+std::optional<figures::Reason> lost_motion(const std::vector<Convergence>& quantities,
+                                           const std::vector<std::size_t>& kinds) {
+  constexpr double least = 0.5;
+  const auto share = [](const Convergence& quantity) { return quantity.step.error() / quantity.scale; };
+  std::optional<Convergence> worst;
+  std::size_t i = 0;
+  for (const std::size_t end : kinds) {
+    const auto all = std::span(quantities).subspan(i, end - i);
+    i = end;
+    const auto of_kind = std::ranges::max_element(all, {}, share);
+    if (of_kind == all.end() || !(share(*of_kind) > least)) {
+      return std::nullopt;
+    }
+    if (!worst || share(*of_kind) > share(*worst)) {
+      worst = *of_kind;
+    }
+  }
+  if (!worst) {
+    return std::nullopt;
+  }
+  return figures::Reason{
+      .kind = figures::ReasonKind::resolution,
+      .verdict = figures::Verdict::doubtful,
+      .value = share(*worst),
+      .finding = fmt::format("the error of {0} is {1:.2g}, and {0} and its like are up to {2:.2g}: this step does not "
+                             "follow the motion to the end, and neither errors nor orders are estimates",
+                             worst->name, worst->step.error(), worst->scale),
+      .remedy = "take a smaller step, or an earlier until"};
+}
+
 }  // namespace
 
 ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance, const RunOptions& options,
@@ -347,12 +384,14 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
       .tolerance = tolerance};
   RefinedRuns comparison(problem, options, outcome.until);
   std::vector<State> steps, grids;
+  figures::Verdict of_whole_step = figures::Verdict::good;
   for (int halvings = 0; halvings < 3; ++halvings) {
     auto state = comparison.at_end(halvings, 0, outcome);
     if (!state) {
       return outcome;
     }
     steps.push_back(*std::move(state));
+    of_whole_step = halvings == 0 ? outcome.findings.verdict() : of_whole_step;
   }
   if (problem.multisymplectic() != nullptr && scope.grids) {
     grids.push_back(steps.front());
@@ -401,6 +440,9 @@ ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolera
         outcome.quantities[i].scale = std::max(outcome.quantities[i].scale, outcome.quantities[j].size);
       }
     }
+  }
+  if (const auto reason = lost_motion(outcome.quantities, comparison.kinds())) {
+    outcome.findings.doubt("the whole of the step", *reason, of_whole_step);
   }
   if (tolerance && factor > 0.0 && std::isfinite(factor)) {
     outcome.step_for_tolerance = outcome.step * factor;

@@ -77,19 +77,28 @@ void MemberVerdicts::add(std::size_t number, const std::string& label, const std
     add_warning(which, sentence);
   }
   for (const figures::Reason& reason : judgement.reasons) {
-    const auto found =
-        std::ranges::find_if(causes_, [&](const Cause& cause) { return cause.worst.kind == reason.kind; });
-    if (found == causes_.end()) {
-      causes_.push_back({.worst = reason, .members = 1, .which = which});
-      continue;
-    }
-    ++found->members;
-    if (reason.verdict > found->worst.verdict) {
-      found->worst = reason;
-      found->which = which;
-    }
+    add_reason(which, reason);
   }
   add_verdict(judgement.verdict, end);
+}
+
+void MemberVerdicts::add_reason(const std::string& which, const figures::Reason& reason) {
+  const auto found = std::ranges::find_if(causes_, [&](const Cause& cause) { return cause.worst.kind == reason.kind; });
+  if (found == causes_.end()) {
+    causes_.push_back({.worst = reason, .members = 1, .which = which});
+    return;
+  }
+  ++found->members;
+  if (reason.verdict > found->worst.verdict) {
+    found->worst = reason;
+    found->which = which;
+  }
+}
+
+void MemberVerdicts::doubt(const std::string& which, const figures::Reason& reason, Verdict before) {
+  add_reason(which, reason);
+  --verdicts_[static_cast<std::size_t>(before)];
+  ++verdicts_[static_cast<std::size_t>(std::max(before, reason.verdict))];
 }
 
 void MemberVerdicts::add_warning(const std::string& which, const std::string& sentence) {

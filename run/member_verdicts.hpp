@@ -24,6 +24,8 @@ public:
            const figures::Judgement& judgement, RunEnd end);
   /// A warning of a run that was added before.
   void add_warning(const std::string& which, const std::string& sentence);
+  /// A doubt that a run gives rise to beside others. \param before its verdict without that
+  void doubt(const std::string& which, const figures::Reason& reason, figures::Verdict before);
   /// A run whose warnings and reasons restore() has brought already.
   void add_verdict(figures::Verdict verdict, RunEnd end);
 
@@ -43,6 +45,8 @@ public:
   void restore(std::string_view text);
 
 private:
+  void add_reason(const std::string& which, const figures::Reason& reason);
+
   struct Warning {
     std::string kind;  ///< the sentence without its numbers
     std::size_t members = 0;

@@ -203,6 +203,22 @@ TEST_CASE("an exact solution that differs by more than the errors of step and gr
   CHECK_THAT(to_json(wrong), Contains("[exact] does not solve the problem: u differs from it by"));
 }
 
+TEST_CASE("errors as large as the quantity itself are no estimates, and the verdict is doubtful") {
+  // A plane wave that is unstable: a rounding error of the start is of size 1 at the end.
+  const auto of = [](double until) {
+    return converge(parse_problem("[field]\nequation = \"i*psi_t + psi_xx + 2*abs2(psi)*psi = 0\"\n[grid]\n"
+                                  "x = { from = 0, to = \"2*pi*sqrt(2)\", cells = 65 }\n[initial]\n"
+                                  "psi = \"1 + 1e-4*cos(x/sqrt(2))\"\n[scheme]\nlagrangian = \"splitting\"\n"
+                                  "step = 0.02\nuntil = 30\n",
+                                  "t.toml"),
+                    std::nullopt, {}, {.until = until, .grids = false});
+  };
+  const ConvergenceOutcome late = of(30), early = of(3);
+  CHECK_THAT(to_json(late), Contains("\"verdict\": \"doubtful\"") && Contains("\"resolution\""));
+  CHECK_THAT(to_table(late), Contains("doubtful (of 3 runs: 2 good, 1 doubtful, 0 lost)"));
+  CHECK_THAT(to_table(early), Contains("good (of 3 runs: 3 good, 0 doubtful, 0 lost)"));
+}
+
 TEST_CASE("a state at the end that could not be solved for is no good verdict", "[run]") {
   // The mean of sin(u) along x is that of the force, which vanishes at odd multiples of 1/80, where all whole steps
   // have their middles. The whole of the step, shortened to the end, has its own at .925, where no u has the force's

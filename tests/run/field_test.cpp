@@ -603,3 +603,21 @@ TEST_CASE("a force that would move the mean of a field with a potential is refus
   CHECK(said("cos(x)*cos(t)").empty());
   CHECK(said("cos(x)").empty());
 }
+
+TEST_CASE("a field is in one pair, and in that once") {
+  const auto said = [](const std::string& pairs) {
+    const std::string text =
+        "[field]\nfields = [\"u\", \"m\"]\nH = \"m^2/2 + u^2/2 + u_x^2/2\"\nstructure = \"dx\"\npairs = " + pairs +
+        "\n[grid]\nx = { from = 0, to = 1, cells = 15 }\n[initial]\nu = 0\nm = 0\n[scheme]\nlagrangian = \"fourier\"\n"
+        "step = 0.1\nuntil = 1\n";
+    try {
+      static_cast<void>(parse_problem(text, "t.toml"));
+    } catch (const ProblemError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  CHECK(said("[[\"u\", \"m\"]]").empty());
+  CHECK_THAT(said("[[\"u\", \"u\"]]"), Contains("t.toml:5:10: pairs: u is in a pair twice"));
+  CHECK_THAT(said("[[\"u\", \"m\"], [\"m\", \"u\"]]"), Contains("pairs: m is in a pair twice"));
+}

@@ -239,3 +239,43 @@ TEST_CASE("a table that does not do is refused with the place in it") {
   CHECK_THAT(refused("q,p\n1,2\n3,4\n", false), Contains("has 2 rows; the start of an orbit is one"));
   CHECK_THAT(refused("q,pp\n1,2\n", false), Contains("pp"));
 }
+
+TEST_CASE("an equation starts where another run was, at the time of the level whatever is taken of it") {
+  const Folder folder;
+  const std::string text =
+      "[field]\nequation = \"u_tt = u_xx - sin(u)\"\n[grid]\nx = { from = -20, to = 20, cells = 51 }\n"
+      "[initial]\nu = \"sech(x)\"\nu_t = \"0.3*sech(x)\"\n[scheme]\nlagrangian = \"fourier\"\n"
+      "levels = \"fixed\"\nstep = 0.1\nuntil = 1\n";
+  const std::string whole = folder / "whole.h5", first = folder / "first.h5", then = folder / "then.h5";
+  REQUIRE(run_text(text, whole).status == ExitStatus::done);
+  REQUIRE(run_text(text, first, {"scheme.until=0.5"}).status == ExitStatus::done);
+  const auto last = [](const std::string& file) {
+    const record::Reader reader(file);
+    return reader.read("/states/u", reader.rows("/states/u") - 1, 1);
+  };
+  const std::string from = fmt::format("from = \"{}\"\n", first);
+  for (const char* const rest : {"", "take = [\"u\", \"u_t\"]\n", "at = 0.5\ntake = [\"u_t\", \"u\"]\n"}) {
+    INFO(rest);
+    const std::string file = folder / fmt::format("{}.h5", std::string(rest).size());
+    REQUIRE(run_text(beginning(text, from + rest), file).status == ExitStatus::done);
+    CHECK(record::Reader(file).read("/states/t").front() == Approx(0.5).margin(1e-12));
+    const std::vector<double> u = last(file), expected = last(whole);
+    double worst = 0.0;
+    for (std::size_t i = 0; i < u.size(); ++i) {
+      worst = std::max(worst, std::abs(u[i] - expected[i]));
+    }
+    CHECK(worst < 1e-13);  // some roundings in each of five steps
+    CHECK(check(file).status == ExitStatus::done);
+  }
+  // Another state, at another time.
+  REQUIRE(run_text(beginning(text, from + "at = 0.2\ntake = [\"u\", \"u_t\"]"), then).status == ExitStatus::done);
+  CHECK(record::Reader(then).read("/states/t").front() == Approx(0.2).margin(1e-12));
+  CHECK(parse_problem(beginning(text, from + "take = [\"u\"]\nu_t = 0\nt = 7"), "t.toml",
+                      std::vector<std::string>{"scheme.until=8"})
+            .start() == 7.0);
+  CHECK_THAT(refusal(beginning(text, from + "take = [\"v\"]")), Contains("there is no field v here; name those that"));
+  const std::string orbit = folder / "orbit.h5";
+  REQUIRE(run_text(pendulum, orbit).status == ExitStatus::done);
+  CHECK_THAT(refusal(beginning(pendulum, fmt::format("from = \"{}\"\ntake = [\"q\"]", orbit))),
+             Contains("take is for lattices"));
+}
