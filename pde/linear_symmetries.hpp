@@ -10,7 +10,8 @@
 namespace rubato {
 
 /// The linear symmetries z -> exp(sB) z of an equation: all B with BᵀM + MB = 0, BᵀK_a + K_a B = 0 and ∇S(z)·Bz = 0
-/// for every z. These are linear equations for the entries of B, the last at random z; rounding decides at 1e-10.
+/// for every z. These are linear equations for the entries of B, the last at random z; rounding decides at 1e-10. The
+/// z have sizes at which no term of S is lost beside the others, and B is found in these units.
 class LinearSymmetries {
 public:
   explicit LinearSymmetries(const MultisymplecticSystem& system);
@@ -23,8 +24,12 @@ public:
   [[nodiscard]] std::optional<Eigen::MatrixXd> phase(int p, int q) const;
 
 private:
+  /// A column of basis_ as B.
+  [[nodiscard]] Eigen::MatrixXd in_fields(const Eigen::VectorXd& column) const;
+
   Eigen::Index fields_;
-  Eigen::MatrixXd basis_;  ///< columns are matrices, row by row
+  Eigen::VectorXd units_;  ///< of the fields, powers of 2
+  Eigen::MatrixXd basis_;  ///< columns are matrices U⁻¹BU, row by row
 };
 
 }  // namespace rubato

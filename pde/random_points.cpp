@@ -9,6 +9,11 @@
 namespace rubato {
 
 std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted) {
+  return samples_of(system, wanted, Eigen::VectorXd::Ones(system.field_count()));
+}
+
+std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted,
+                                        const Eigen::VectorXd& sizes) {
   using Eigen::Index;
   using Eigen::VectorXd;
   std::mt19937_64 random(51);
@@ -23,6 +28,7 @@ std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eig
     if (attempt >= 2 * wanted) {
       one.point = one.point.cwiseAbs().eval();
     }
+    one.point.head(d).array() *= sizes.array();
     const std::span<const double> at(one.point.data(), static_cast<std::size_t>(one.point.size()));
     gradient(at, outputs);
     one.S = outputs[0];

@@ -15,7 +15,9 @@ struct PotentialSample {
 };
 
 /// As many samples at random points where all of them are finite, or fewer where S is defined at few: then positive
-/// points are tried, too. The same for every call.
+/// points are tried, too. The same for every call. \param sizes what the fields are multiplied by
+[[nodiscard]] std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted,
+                                                      const Eigen::VectorXd& sizes);
 [[nodiscard]] std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted);
 
 /// The twelfth nearest to x, if x is it but for rounding errors: symmetries found by linear algebra have such numbers.

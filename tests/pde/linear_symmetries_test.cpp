@@ -72,3 +72,35 @@ TEST_CASE("a real wave has no linear symmetry, two equal ones turn into each oth
   CHECK(turns[0](0, 3) == -turns[0](3, 0));
   CHECK(LinearSymmetries(two("(u^2 + 2*a^2)^2")).beside({}).empty());
 }
+
+TEST_CASE("symmetries are those of all terms, in whatever units, and of no less") {
+  // Kepler's problem in metres, kilograms and seconds: at z of size 1 potential energies are 1e70 times kinetic ones.
+  const auto kepler = [](const char* kinetic) {
+    return MultisymplecticSystem({"x", "y", "u", "v"}, skew(4, {{0, 2, -1.0}, {1, 3, -1.0}}), {MatrixXd::Zero(4, 4)},
+                                 std::string(kinetic) + "/(2*5.97e24) - 7.925e44/sqrt(x^2 + y^2)");
+  };
+  const auto turns = LinearSymmetries(kepler("(u^2 + v^2)")).beside({});
+  REQUIRE(turns.size() == 1);
+  MatrixXd expected = MatrixXd::Zero(4, 4);
+  expected(0, 1) = expected(2, 3) = 1.0;
+  expected(1, 0) = expected(3, 2) = -1.0;
+  CHECK((turns[0] - expected).cwiseAbs().maxCoeff() < 1e-9);
+  CHECK(LinearSymmetries(kepler("(u^2 + 1.001*v^2)")).beside({}).empty());
+
+  // Two waves whose fields have units of their own.
+  const auto waves = [](const char* potential) {
+    return MultisymplecticSystem({"u", "v", "w", "a", "b", "c"}, skew(6, {{0, 1, -1.0}, {3, 4, -1.0}}),
+                                 {skew(6, {{0, 2, 1.0}, {3, 5, 1.0}})},
+                                 std::string("1e-24*(v^2 + b^2)/2 - 1e20*(w^2 + c^2)/2 + ") + potential);
+  };
+  const auto both = LinearSymmetries(waves("1e9*(u^2 + a^2)^2")).beside({});
+  REQUIRE(both.size() == 1);
+  CHECK(std::abs(both[0](0, 3)) == 1.0);
+  CHECK(both[0](0, 3) == -both[0](3, 0));
+  CHECK(LinearSymmetries(waves("1e9*(u^2 + 1.001*a^2)^2")).beside({}).empty());
+
+  // The Korteweg-de Vries equation in lengths of 2^-30: its potential is not in S, and units of it are those of K.
+  const MultisymplecticSystem kdv({"phi", "u", "v", "w"}, skew(4, {{0, 1, -0.5}}),
+                                  {skew(4, {{0, 3, 1.0}, {1, 2, -0x1p90}})}, "u*w - u^3 - 2^90*v^2/2");
+  CHECK(LinearSymmetries(kdv).beside({}).empty());
+}
