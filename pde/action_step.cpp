@@ -48,9 +48,9 @@ Expression sum_of(Expression a, Expression b) {
 ActionStep::ActionStep(const MultisymplecticSystem& system, const grids::Grid& grid, const StatedAction& stated,
                        double h, bool two_step)
     : rows_(system, grid, stated, two_step),
-      lower_(system.field_count(), grid.size()),
-      upper_(system.field_count(), grid.size()),
-      row_values_(static_cast<int>(rows_.rows().size()), grid.size()),
+      lower_(system.field_count(), 0),
+      upper_(system.field_count(), 0),
+      nodes_(grid.size()),
       volume_(grid.cell_volume()) {
   if (stated.drives != nullptr) {
     driven_nodes_.emplace(stated.drives, system, grid);
@@ -66,6 +66,7 @@ ActionStep::ActionStep(const MultisymplecticSystem& system, const grids::Grid& g
       fields.push_back(row.field);
       rows.push_back(row.row);
     }
+    row_values_ = FieldSet(static_cast<int>(rows.size()), grid.size());
     implicit_.emplace();
     implicit_->equations = action_equations(rows_, std::move(fields), std::move(rows));
     implicit_->kernel = find_kernel(rows_, implicit_->equations, h);
@@ -466,8 +467,16 @@ bool ActionStep::solve_linear(NodeCode& right, double h, const LatticeLevel& bef
       h, upper_, [&](NodeCode& code) { read(code, h, before, after, kept); }, right, along, row_values_);
 }
 
+/// Makes the directions before they are read: few runs have any, and memory that is reserved counts in limits.
+void ActionStep::make_directions() {
+  if (upper_.size() != nodes_) {
+    lower_ = FieldSet(lower_.fields(), nodes_);
+    upper_ = FieldSet(upper_.fields(), nodes_);
+  }
+}
+
 void ActionStep::move_direction(NodeCode& code, const Stage& stage) {
-  FieldSet found(static_cast<int>(stage.fields.size()), upper_.size());
+  FieldSet found(static_cast<int>(stage.fields.size()), nodes_);
   code(found.pointers());
   for (std::size_t i = 0; i < stage.fields.size(); ++i) {
     std::ranges::copy(std::as_const(found).field(static_cast<int>(i)), upper_.field(stage.fields[i]).begin());
@@ -476,6 +485,7 @@ void ActionStep::move_direction(NodeCode& code, const Stage& stage) {
 }
 
 double ActionStep::energy_slope(double h, const LatticeLevel& before, const FieldSet& kept, const FieldSet& after) {
+  make_directions();
   upper_.fill(0.0);
   if (implicit_) {
     NodeCode& by_step =
@@ -539,12 +549,16 @@ void ActionStep::measure(double h, const LatticeLevel& before, const LatticeLeve
                          FieldSet& out) {
   NodeCode& row = made_of_rows(codes_.row, [](const ActionRows::Row& one) { return one.row; });
   read(row, h, before, after.fields, kept);
-  row(row_values_.pointers());
   out.fill(0.0);
-  for (std::size_t i = 0; i < rows_.rows().size(); ++i) {
-    const auto from = std::as_const(row_values_).field(static_cast<int>(i));
-    const auto to = out.field(rows_.rows()[i].field);
-    std::ranges::transform(from, to.begin(), [h](double value) { return value / h; });
+  std::vector<double*> rows;
+  for (const ActionRows::Row& one : rows_.rows()) {
+    rows.push_back(out.field(one.field).data());
+  }
+  row(rows);
+  for (const ActionRows::Row& one : rows_.rows()) {
+    for (double& value : out.field(one.field)) {
+      value /= h;
+    }
   }
   begin(before);
   derive(h, before, after.fields, out);
@@ -564,6 +578,7 @@ void ActionStep::measure(double h, const LatticeLevel& before, const LatticeLeve
 
 Status ActionStep::tangent(double h, const LatticeLevel& before, const LatticeLevel& after, const FieldSet& u_before,
                            FieldSet& u_after, FieldSet& forms) {
+  make_directions();
   lower_.copy_from(u_before);
   upper_.fill(0.0);
   if (implicit_) {

@@ -184,6 +184,7 @@ private:
   [[nodiscard]] bool solve_linear(NodeCode& right, double h, const LatticeLevel& before, const grids::FieldSet& kept,
                                   const grids::FieldSet& after);
   /// The fields of a stage at the upper level of a direction.
+  void make_directions();
   void move_direction(NodeCode& code, const Stage& stage);
 
   ActionRows rows_;
@@ -202,8 +203,10 @@ private:
   bool finds_energy_of_levels_ = false;
   std::size_t place_of_lower_ = 0;  ///< among the sums of the pass
   OfLevel below_, above_;
-  double of_slab_ = 0.0;  ///< E over ΔV, without the lower level's part
-  grids::FieldSet lower_, upper_, row_values_;
+  double of_slab_ = 0.0;           ///< E over ΔV, without the lower level's part
+  grids::FieldSet lower_, upper_;  ///< of directions, without nodes before make_directions()
+  grids::FieldSet row_values_;     ///< of Newton's method
+  std::size_t nodes_;
   grids::FieldSet no_momenta_;
   double volume_;
 };
