@@ -89,6 +89,7 @@ GaussStep::GaussStep(const MultisymplecticSystem& system, const grids::Grid& gri
   const auto fields = [nodes](int count, auto&... sets) { ((sets = grids::FieldSet(count, nodes)), ...); };
   const auto rows = [waves](int count, auto&... sets) { ((sets = WaveRows(count, waves)), ...); };
   fields(d_, high_, work_);
+  fields(1, zeros_);
   fields(n, level_F_, low_F_, end_F_);
   fields(n * m_, y_, y_last_, point_, rest_grid_);
   rows(d_, level_, base_, end_, scratch_);
@@ -188,15 +189,22 @@ void GaussStep::add_slopes(const PotentialSlopes& slopes) {
 void GaussStep::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
   ++stamp_;
   solved_ = complete_ = end_known_ = false;
-  copy_level(high, at_midpoints_, high_);
-  from_grid(std::as_const(high_).pointers(), fourier_all_, level_);
+  if (keeps_level_) {
+    copy_level(high, at_midpoints_, high_);
+  }
+  std::array<const double*, MultisymplecticSystem::most_fields> level{};
+  for (int f = 0; f < d_; ++f) {
+    level[static_cast<std::size_t>(f)] =
+        (at_midpoints_[static_cast<std::size_t>(f)] ? std::as_const(zeros_).field(0) : high.field(f)).data();
+  }
+  from_grid(std::span(level).first(static_cast<std::size_t>(d_)), fourier_all_, level_);
   space_.from_nodes(level_);
   if (!space_.spectral() && !F_.empty()) {
     points_F_.to_points(level_, F_, level_F_.pointers());  // what rounding leaves there is as much as `low` is
   }
   for (std::size_t f = 0; space_.spectral() && f < F_.size(); ++f) {
     const int field = F_[f];
-    std::ranges::copy(std::as_const(high_).field(field), level_F_.field(static_cast<int>(f)).begin());
+    std::copy_n(level[static_cast<std::size_t>(field)], grid_.size(), level_F_.field(static_cast<int>(f)).begin());
     const auto rest = low_F_.field(static_cast<int>(f));
     if (low == nullptr || at_midpoints_[static_cast<std::size_t>(field)]) {
       std::ranges::fill(rest, 0.0);

@@ -65,6 +65,8 @@ public:
 
   /// The level z = high + low that steps are taken from; fields at midpoints count as 0. `low` may be null.
   void stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes);
+  /// No stages are taken from now on: the level that they add to need not be kept.
+  void take_no_stages() { keeps_level_ = false; }
   /// Discards what the steps solved so far left: the next one depends on its level and h alone.
   void forget_steps();
   /// Changes with every stand().
@@ -219,7 +221,9 @@ private:
   bool is_forgetful_ = false;  ///< once forget_steps() was called
 
   std::uint64_t stamp_ = 0;
-  grids::FieldSet high_;     ///< the level
+  grids::FieldSet high_;  ///< the level, for stages
+  bool keeps_level_ = true;
+  grids::FieldSet zeros_;    ///< of a field at midpoints
   grids::FieldSet level_F_;  ///< its varying fields, and what they have beyond double precision
   grids::FieldSet low_F_;
   std::vector<double> level_sizes_;  ///< max |z| of level_F_

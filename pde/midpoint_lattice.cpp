@@ -162,9 +162,12 @@ public:
     if (size_age_ >= tuning::size_period) {
       write_increment();
       const grids::FieldSet& point = correction_;  // which no step goes on from
-      make_point(0.5, correction_);
+      make_point(trial_h_ == 0.0 ? 0.0 : 0.5, correction_);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
       EnergyFloor(system_, grid_).raise(size_of_energy_, point.pointers());
+      if (waves_ != nullptr) {
+        forget(correction_);
+      }
       size_age_ = 0;
     }
     return size_of_energy_;
@@ -183,8 +186,9 @@ public:
   [[nodiscard]] NodeEnergy node() override {
     if (!node_known_) {
       find_start_velocity();
-      history_.velocity(correction_);
-      node_ = level_node(level_.fields);
+      grids::FieldSet& rate = trial_h_ == 0.0 ? delta_ : correction_;  // whichever nothing goes on from
+      history_.velocity(rate);
+      node_ = level_node(level_.fields, rate);
       node_known_ = true;
     }
     return node_;
@@ -365,10 +369,10 @@ private:
     return sweep_(fields.pointers(), level_.slopes, rate, 0.0, {}, {});
   }
 
-  /// At the node values `fields`, with the velocities in correction_.
-  NodeEnergy level_node(const grids::FieldSet& fields) {
+  /// At the node values `fields`, with these velocities.
+  NodeEnergy level_node(const grids::FieldSet& fields, const grids::FieldSet& velocity) {
     EvolvingRates rates;
-    const auto rate = evolving(correction_, rates);
+    const auto rate = evolving(velocity, rates);
     const bool is_point = std::ranges::find(at_midpoints_, true) == at_midpoints_.end();
     if (!is_point) {
       copy_level(fields, at_midpoints_, point_);
@@ -401,10 +405,14 @@ private:
   /// Gives the memory of what solve() takes back: steps on waves need none of it.
   void forget_newton() {
     solver_.reset();
+    sweep_.give_back();
     for (grids::FieldSet* const fields : {&residual_, &correction_, &hessian_, &point_}) {
-      for (int f = 0; f < fields->fields(); ++f) {
-        fields->forget(f);
-      }
+      forget(*fields);
+    }
+  }
+  static void forget(grids::FieldSet& fields) {
+    for (int f = 0; f < fields.fields(); ++f) {
+      fields.forget(f);
     }
   }
 
@@ -596,7 +604,9 @@ private:
   /// Of solve_on_waves().
   struct Waves {
     Waves(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first)
-        : slab(system, grid, 1, first), forecast(slab.make_forecast()) {}
+        : slab(system, grid, 1, first), forecast(slab.make_forecast()) {
+      slab.take_no_stages();
+    }
 
     GaussStep slab;
     RestForecast forecast;
