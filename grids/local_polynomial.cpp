@@ -11,17 +11,20 @@ namespace {
 /// Twice as many make errors of smooth values smaller and those of rounding, near walls, a thousand times larger.
 constexpr std::size_t most_nodes = 10;
 
-}  // namespace
+/// The nodes near a place, which is counted in nodes.
+struct NearNodes {
+  std::size_t first = 0, count = 0;
 
-LocalWeights local_weights(const Axis& axis, double x, bool of_derivative) {
-  const std::size_t count = std::min(most_nodes, axis.cells);
-  const double place = (x - axis.from) / axis.spacing();
-  const auto middle = std::llround(place - 0.5 * static_cast<double>(count - 1));
-  const auto last = static_cast<long long>(axis.cells - count);
-  LocalWeights weights{static_cast<std::size_t>(std::clamp(middle, 0LL, last)), std::vector<double>(count, 0.0)};
-  // Fornberg's recurrence for the value and the first derivative, nodes taken in one after the other.
-  std::vector<std::array<double, 2>> c(count, {0.0, 0.0});
-  const double z = place - static_cast<double>(weights.first);
+  NearNodes(const Axis& axis, double place) : count(std::min(most_nodes, axis.cells)) {
+    const auto middle = std::llround(place - 0.5 * static_cast<double>(count - 1));
+    first = static_cast<std::size_t>(std::clamp(middle, 0LL, static_cast<long long>(axis.cells - count)));
+  }
+};
+
+/// Weights of the value and of the derivative at z of nodes 0, 1, … count-1: Fornberg's recurrence, nodes taken in one
+/// after the other.
+std::array<std::array<double, 2>, most_nodes> weights_of_both(std::size_t count, double z) {
+  std::array<std::array<double, 2>, most_nodes> c{};
   c[0][0] = 1.0;
   double c1 = 1.0;
   for (std::size_t n = 1; n < count; ++n) {
@@ -39,17 +42,31 @@ LocalWeights local_weights(const Axis& axis, double x, bool of_derivative) {
     }
     c1 = c2;
   }
-  for (std::size_t j = 0; j < count; ++j) {
-    weights.of[j] = of_derivative ? c[j][1] / axis.spacing() : c[j][0];
+  return c;
+}
+
+}  // namespace
+
+LocalWeights local_weights(const Axis& axis, double x, bool of_derivative) {
+  const double place = (x - axis.from) / axis.spacing();
+  const NearNodes near(axis, place);
+  const auto both = weights_of_both(near.count, place - static_cast<double>(near.first));
+  LocalWeights weights{near.first, std::vector<double>(near.count)};
+  for (std::size_t j = 0; j < near.count; ++j) {
+    weights.of[j] = of_derivative ? both[j][1] / axis.spacing() : both[j][0];
   }
   return weights;
 }
 
 void local_derivative(const Grid& grid, int axis, const double* in, double* out) {
   const std::size_t n = grid.cells(axis), stride = grid.stride(axis);
-  std::vector<LocalWeights> weights;
-  for (std::size_t i = 0; i < n; ++i) {
-    weights.push_back(local_weights(grid.axis(axis), grid.axis(axis).node(i), true));
+  const double spacing = grid.spacing(axis);
+  // Nodes with as many before them, of those that are near, have the same weights.
+  std::array<std::array<double, most_nodes>, most_nodes> weights{};
+  const std::size_t near = std::min(most_nodes, n);
+  for (std::size_t at = 0; at < near; ++at) {
+    const auto both = weights_of_both(near, static_cast<double>(at));
+    std::ranges::transform(both, weights[at].begin(), [spacing](const auto& one) { return one[1] / spacing; });
   }
   std::vector<double> line(n);
   for (std::size_t number = 0; number < grid.size() / n; ++number) {
@@ -58,9 +75,10 @@ void local_derivative(const Grid& grid, int axis, const double* in, double* out)
       line[i] = in[first + i * stride];
     }
     for (std::size_t i = 0; i < n; ++i) {
+      const NearNodes nodes(grid.axis(axis), static_cast<double>(i));
       double sum = 0.0;
-      for (std::size_t j = 0; j < weights[i].of.size(); ++j) {
-        sum += weights[i].of[j] * line[weights[i].first + j];
+      for (std::size_t j = 0; j < nodes.count; ++j) {
+        sum += weights[i - nodes.first][j] * line[nodes.first + j];
       }
       out[first + i * stride] = sum;
     }
