@@ -238,7 +238,7 @@ public:
 
   void accept() override {
     if (ghosts_) {
-      ghosts_->renew(levels_.trial());
+      ghosts_->renew(map_.step().found(), levels_.trial());
     }
     map_.step().keep(trial_h_, levels_.here(), levels_.trial(), next_kept_);
     std::swap(kept_, next_kept_);

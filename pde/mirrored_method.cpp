@@ -37,6 +37,7 @@ public:
   MirroredScheme(const Mirrors& mirrors, std::unique_ptr<LatticeScheme> scheme, LatticeLevel first)
       : mirrors_(mirrors), scheme_(std::move(scheme)), level_(std::move(first)), previous_{{}, level_.slopes} {
     if (is_short()) {
+      keeps_previous_ = true;
       previous_.fields = FieldSet(level_.fields.fields(), mirrors.grid().size());
     } else {
       ring_ = FieldSet(level_.fields.fields(), mirrors.ring().size());
@@ -53,7 +54,7 @@ public:
     return level_;
   }
   [[nodiscard]] const LatticeLevel* previous() const override {
-    if (!is_short()) {
+    if (!keeps_previous_) {
       return nullptr;
     }
     if (!previous_is_current_) {
@@ -61,6 +62,15 @@ public:
       previous_is_current_ = true;
     }
     return &previous_;
+  }
+  void forget_previous() override {
+    if (is_short()) {
+      scheme_->forget_previous();
+      keeps_previous_ = scheme_->previous() != nullptr;
+    }
+    if (!keeps_previous_) {
+      previous_.fields = {};
+    }
   }
   void stand(const LatticeLevel& level, const LatticeLevel& next, double h) override {
     if (from_.fields.size() == 0) {
@@ -104,9 +114,11 @@ public:
   void accept() override {
     scheme_->accept();
     if (is_short()) {
-      // The level that is there becomes the one before.
-      std::swap(level_.fields, previous_.fields);
-      previous_is_current_ = std::exchange(level_is_current_, false);
+      if (keeps_previous_) {  // the level that is there becomes the one before
+        std::swap(level_.fields, previous_.fields);
+        previous_is_current_ = level_is_current_;
+      }
+      level_is_current_ = false;
       return;
     }
     mirrors_.restrict_within(scheme_->level().fields, level_.fields);
@@ -133,6 +145,7 @@ private:
   std::unique_ptr<LatticeScheme> scheme_;
   mutable LatticeLevel level_, previous_;  ///< the second of the short ring alone, where `scheme_` has one
   mutable bool level_is_current_ = true, previous_is_current_ = false;
+  bool keeps_previous_ = false;
   FieldSet ring_;
   LatticeLevel from_, to_;  ///< of stand()
 };

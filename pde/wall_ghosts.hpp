@@ -21,11 +21,11 @@ class WallGhosts {
 public:
   WallGhosts(const FieldMirrors& mirrors, const grids::Grid& grid);
 
-  /// Makes the ghosts of a field, or of all, from the nodes between the walls.
+  /// Makes the ghosts of a field, or of some, from the nodes between the walls.
   ///@{
   void renew(int field, std::span<double> values) const;
-  void renew(grids::FieldSet& fields) const {
-    for (int f = 0; f < fields.fields(); ++f) {
+  void renew(std::span<const int> which, grids::FieldSet& fields) const {
+    for (const int f : which) {
       renew(f, fields.field(f));
     }
   }

@@ -74,7 +74,7 @@ public:
   void forget_previous() override { levels_.forget_previous(); }
   void accept() override {
     if (ghosts_) {
-      ghosts_->renew(levels_.trial());
+      ghosts_->renew(map_.found(), levels_.trial());
     }
     levels_.accept();
     energy_ = energy_of_trial_;
