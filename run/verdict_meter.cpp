@@ -65,7 +65,12 @@ void VerdictMeter::take(Simulation& simulation, std::size_t number, double node_
   if (grids::Slab::present() != nullptr) {
     return;
   }
-  energy_.add(simulation.energy_term_values(), node_energy, rounding, simulation.clock(), static_cast<double>(number));
+  // A discrete Lagrangian that names t has a balance (3.4); the stated H need not be its energy, which is not
+  // conserved.
+  if (simulation.autonomous()) {
+    energy_.add(simulation.energy_term_values(), node_energy, rounding, simulation.clock(),
+                static_cast<double>(number));
+  }
   measures_.turn_least = fewest_steps_per_turn(simulation.order());
   simulation.measure(number, measures_);
 }
