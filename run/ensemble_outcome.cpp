@@ -95,10 +95,10 @@ std::string member_rows(const EnsembleOutcome& outcome) {
 std::string to_json(const EnsembleOutcome& outcome) {
   figures::JsonObject object;
   object.count("status", static_cast<std::size_t>(outcome.status));
-  object.count("members", outcome.members).count("finished", outcome.finished);
   const auto failed = static_cast<std::size_t>(std::ranges::count_if(
       outcome.statuses, [](ExitStatus status) { return status != ExitStatus::done && status != ExitStatus::lost; }));
-  object.count("ended_early", failed);
+  // Each member that the record has is one or the other.
+  object.count("members", outcome.members).count("finished", outcome.finished - failed).count("ended_early", failed);
   for (std::size_t next = 0; next < outcome.summary.size();) {
     const std::string& name = outcome.summary[next].name;
     const std::size_t slash = name.find('/');
