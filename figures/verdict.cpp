@@ -86,11 +86,12 @@ private:
     if (measures_.pure_law != 0.0 && few && deviation < small_off_law * scale) {
       return;  // steps over the singular set, which the problem asks for
     }
+    const auto relative = statistics_.relative_off_law_deviation();
     add({.kind = ReasonKind::law,
          .verdict = Verdict::doubtful,
          .value = static_cast<double>(steps),
-         .finding =
-             fmt::format("{} of {} steps are off the energy law, by up to {:.2g}", steps, statistics_.steps, deviation),
+         .finding = fmt::format("{} of {} steps are off the energy law, by up to {:.2g}{}", steps, statistics_.steps,
+                                relative.value_or(deviation), relative ? " (relative)" : ""),
          .remedy = "take smaller steps, or step_potential = \"auto\""});
   }
 

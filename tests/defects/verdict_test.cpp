@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include <fmt/format.h>
+
 #include <rubato/problem/problem.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/converge.hpp>
@@ -128,6 +130,46 @@ TEST_CASE("fields and an energy of the size of rounding errors are not judged, a
   const Outcome bad = run_file(folder, "plane-wave-of-energy-0", twin);
   INFO(figures::text_of(bad.judgement));
   CHECK(has(bad.judgement, ReasonKind::spectrum));
+}
+
+TEST_CASE("a stated action of an orbit that names t is judged by its balance, not by an H that does not") {
+  const auto levels = GENERATE(as<std::string>{}, "fixed", "variable");
+  const Folder folder;
+  const auto judgement_of = [&](const std::string& drive) {
+    const Outcome outcome = run(
+        parse_problem("[hamiltonian]\nq = [\"x\"]\np = [\"v\"]\nH = \"v^2/2 + x^2/2\"\n[initial]\nx = 0.2\nv = 0.1\n"
+                      "[scheme]\nlagrangian = \"custom\"\nstep = 0.02\nuntil = 5\nlevels = \"" +
+                          levels +
+                          "\"\nL = \"(v_0+v_1)/2*(x_1-x_0)/(t_1-t_0) - ((v_0+v_1)^2/8 + ((x_0+x_1)/2)^2/2 - "
+                          "(x_0+x_1)/2*" +
+                          drive + ")\"\n",
+                      "driven.toml"),
+        {.output = folder / "record.h5", .overwrite = true});
+    CHECK(check(folder / "record.h5").judgement.verdict == outcome.judgement.verdict);
+    return outcome.judgement;
+  };
+  const figures::Judgement good = judgement_of("0.3*cos(1.7*(t_0+t_1)/2)");
+  INFO(figures::text_of(good));
+  CHECK(good.verdict == Verdict::good);
+  // The twin: a force that is always there, of which H knows nothing.
+  CHECK(has(judgement_of("0.3"), ReasonKind::energy));
+}
+
+TEST_CASE("how far steps are off the law is the same number in the finding and in JSON") {
+  const Folder folder;
+  const Outcome outcome =
+      run(parse_problem(
+              "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"3*(p^2*(1+q^2/3)/2 + q^4/4)\"\n[initial]\nq = 0.7\np = "
+              "1.2\n[scheme]\nstep = 0.3\nstep_potential = \"none\"\nuntil = 30\n",
+              "off.toml"),
+          {.output = folder / "record.h5", .overwrite = true});
+  const auto reason = std::ranges::find(outcome.judgement.reasons, ReasonKind::law, &figures::Reason::kind);
+  REQUIRE(reason != outcome.judgement.reasons.end());
+  INFO(reason->finding);
+  const double relative = outcome.statistics.relative_off_law_deviation().value();
+  CHECK(reason->finding.ends_with(fmt::format("{:.2g} (relative)", relative)));
+  // The twin: the absolute one is another.
+  CHECK(fmt::format("{:.2g}", outcome.statistics.off_law_deviation()) != fmt::format("{:.2g}", relative));
 }
 
 TEST_CASE("the rounding errors of constants and ramps are no waves") {
