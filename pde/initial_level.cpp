@@ -448,6 +448,17 @@ InitialLevel level_of_constraints(const MultisymplecticSystem& system, const gri
   return {std::move(level), std::move(cautions)};
 }
 
+/// Those fields alone, without values.
+InitialFields with_equation_of_motion(const MultisymplecticSystem& system) {
+  InitialFields given(system.fields().size());
+  for (std::size_t f = 0; f < given.size(); ++f) {
+    if (!system.structure().algebraic[f]) {
+      given[f].emplace();
+    }
+  }
+  return given;
+}
+
 class SolvedConstraints final : public ConstrainedFields {
 public:
   SolvedConstraints(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, Plan plan)
@@ -495,15 +506,9 @@ std::unique_ptr<ConstrainedFields> make_constrained_fields(const Multisymplectic
   if (collocation == Collocation::corners) {
     return std::make_unique<CornerConstraints>(system, grid);
   }
-  InitialFields given(system.fields().size());
-  for (std::size_t f = 0; f < given.size(); ++f) {
-    if (!system.structure().algebraic[f]) {
-      given[f].emplace();
-    }
-  }
-  Plan plan = make_plan(system, given);
+  Plan plan = make_plan(system, with_equation_of_motion(system));
   for (const int f : plan.unknowns) {
-    if (given[static_cast<std::size_t>(f)]) {
+    if (!system.structure().algebraic[static_cast<std::size_t>(f)]) {
       throw std::invalid_argument(fmt::format("{} has an equation of motion, and constraints give it, too",
                                               system.fields()[static_cast<std::size_t>(f)]));
     }
@@ -556,6 +561,11 @@ InitialLevel prepare_determined_level(const MultisymplecticSystem& system, const
   determine(level);
   auto cautions = find_cautions(system, grid, given, computed, level);
   return {std::move(level), std::move(cautions)};
+}
+
+bool follows_from_others(const MultisymplecticSystem& system, int field) {
+  return system.structure().potential[static_cast<std::size_t>(field)] &&
+         std::ranges::count(make_plan(system, with_equation_of_motion(system)).unknowns, field) > 0;
 }
 
 LatticeLevel initial_level(const MultisymplecticSystem& system, const grids::Grid& grid, const InitialFields& given,

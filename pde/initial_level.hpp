@@ -57,6 +57,10 @@ struct InitialLevel {
                                                  const InitialFields& given,
                                                  Collocation collocation = Collocation::cells);
 
+/// True of a potential that the constraints of a level determine, with its mean slope, from fields with an equation of
+/// motion: φ of φ_x = u. False of one that has an equation of motion alone, as u of u_tt = u_xx.
+[[nodiscard]] bool follows_from_others(const MultisymplecticSystem& system, int field);
+
 /// True if no field is missing, none given that prepare_initial_level() computes and compares with what is given, and
 /// no mean along x has to be looked at: then ranks that share a lattice (of more than one dimension, without
 /// Collocation::corners) may each call that with what is given in their parts.

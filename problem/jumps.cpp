@@ -6,6 +6,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/parse.hpp>
+#include <rubato/pde/initial_level.hpp>
 #include <rubato/problem/broken_term.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
@@ -21,14 +22,13 @@ std::string in_words(const StatedJump& jump) {
 /// Why a field cannot jump; empty where it can.
 std::string reason_against(const MultisymplecticSystem& system, int field) {
   const std::string& name = system.fields()[static_cast<std::size_t>(field)];
-  const FieldStructure& structure = system.structure();
-  if (structure.potential[static_cast<std::size_t>(field)]) {
+  if (follows_from_others(system, field)) {
     return fmt::format(
         "S does not name {0}: its mean slope follows from the initial data without a jump. Leave the "
         "jump of {0} out",
         name);
   }
-  if (structure.algebraic[static_cast<std::size_t>(field)]) {
+  if (system.structure().algebraic[static_cast<std::size_t>(field)]) {
     return fmt::format("{} has no equation of motion and follows from other fields: state the jump of those", name);
   }
   return "";

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/pde/initial_level.hpp>
 #include <rubato/problem/broken_term.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/reader.hpp>
@@ -48,7 +49,7 @@ void resolve_twist(StatedTwist& twist, const GridAxis& axis, const Multisymplect
   const Eigen::MatrixXd B = generator_of(twist, pde);
   at_location(twist.location, [&] { check_symmetry(system, {twist.symmetry, B}); });
   for (int f = 0; f < system.field_count(); ++f) {
-    if (mixed_fields({B}, f).size() > 1 && system.structure().potential[static_cast<std::size_t>(f)]) {
+    if (mixed_fields({B}, f).size() > 1 && follows_from_others(system, f)) {
       throw ProblemError(twist.location, fmt::format("phase: {} turns {}, a potential that S does not name, whose mean "
                                                      "slope follows from the initial data. Leave phase out",
                                                      twist.name, pde.fields[static_cast<std::size_t>(f)]));

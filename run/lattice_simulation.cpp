@@ -309,6 +309,9 @@ private:
       if (has_slope(lattice_.level().slopes, static_cast<std::size_t>(field), lattice_.grid())) {
         continue;  // states have the periodic part alone
       }
+      if (!is_start && lattice_.system().structure().algebraic[static_cast<std::size_t>(field)]) {
+        continue;  // differences of neighbours may lie half a cell off their node
+      }
       if (!is_start && moved[i] >= turning * most) {
         const std::span<const double> whole = whole_(field, lattice_.level().fields.all());
         const std::vector<double> now(whole.begin(), whole.end());

@@ -125,6 +125,45 @@ TEST_CASE("a kink alone on the ring has the order of each scheme") {
   }
 }
 
+TEST_CASE("a field that S does not name jumps and turns like any other") {
+  struct Case {
+    std::string equation, jump, initial, exact;
+    Settings schemes;
+  };
+  const Case one = GENERATE(Case{"u_tt = u_xx",
+                                 "jump = { u = 3 }",
+                                 "u = \"3*x/L + cos(k*x)\"\nu_t = 0.2",
+                                 "u = \"3*x/L + 0.2*t + cos(k*x)*cos(k*t)\"",
+                                 {"box", "fourier", "splitting", "leapfrog"}},
+                            Case{"i*psi_t + psi_xx = 0",
+                                 "phase = { psi = \"2*pi/3\" }",
+                                 "psi = \"exp(i*k*x/3)\"",
+                                 "p = \"cos(k*x/3 - k^2/9*t)\"\nq = \"sin(k*x/3 - k^2/9*t)\"",
+                                 {"box", "fourier", "splitting"}});
+  for (const std::string& scheme : one.schemes) {
+    INFO(one.equation << ", " << scheme);
+    const auto error = [&](const std::string& jump) {
+      const Folder folder;
+      const Outcome outcome =
+          run(parse_problem(
+                  "[field]\nequation = \"" + one.equation +
+                      "\"\n[parameters]\nL = 7\nk = \"2*pi/L\"\n[grid]\nx = { from = 0, to = \"L\", cells = 65, " +
+                      jump + " }\n[initial]\n" + one.initial + "\n[exact]\n" + one.exact +
+                      "\n[scheme]\nlagrangian = \"" + scheme + "\"\nstep = 0.05\nuntil = 2\n",
+                  "jump.toml"),
+              {.output = folder / "a.h5", .threads = 1});
+      REQUIRE(outcome.complete);
+      CHECK(check(folder / "a.h5").status == ExitStatus::done);
+      return outcome.statistics.errors.front().value.largest();
+    };
+    // The phase error of order 2 over the time 2, of waves with the frequency k in time and on the cells.
+    const double k = 2.0 * std::numbers::pi / 7.0, cell = 7.0 / 65.0;
+    CHECK(error(one.jump) < 2.0 * k * k * k * (0.05 * 0.05 + cell * cell) / 12.0);
+    // The twin: torn at the seam.
+    CHECK(error(one.jump.starts_with("jump") ? "jump = { u = 0 }" : "phase = { psi = 0 }") > 0.1);
+  }
+}
+
 TEST_CASE("where the ring begins makes no difference") {
   // Seven cells further the same nodes are reported; those that are behind the seam now are reported a turn later.
   for (const char* scheme : {"box", "leapfrog", "euler-box", "fourier", "splitting"}) {
