@@ -14,6 +14,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/polynomials.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -247,8 +248,14 @@ private:
     if (used.empty()) {
       return;
     }
+    // In units, powers of two, in which no entry is small because of them: -c² of u_x² beside 1 of u_t².
+    const Eigen::MatrixXd among = A(used, used);
+    Eigen::VectorXd units(among.rows());
+    std::ranges::transform(natural_sizes(among.cwiseAbs()), units.begin(),
+                           [](double size) { return std::exp2(std::round(std::log2(size))); });
+    const Eigen::MatrixXd scaled = units.asDiagonal() * among * units.asDiagonal();
     const double rounding = std::numeric_limits<double>::epsilon() * static_cast<double>(used.size());
-    if (solve::quotient(A(used, used), A(used, used), rounding)) {
+    if (solve::quotient(scaled, scaled, rounding)) {
       return;
     }
     std::ranges::copy_if(used, std::inserter(promoted, promoted.end()),

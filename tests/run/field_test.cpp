@@ -621,3 +621,26 @@ TEST_CASE("a field is in one pair, and in that once") {
   CHECK_THAT(said("[[\"u\", \"u\"]]"), Contains("t.toml:5:10: pairs: u is in a pair twice"));
   CHECK_THAT(said("[[\"u\", \"m\"], [\"m\", \"u\"]]"), Contains("pairs: m is in a pair twice"));
 }
+
+TEST_CASE("a density in metres and seconds has the fields that it has in other units") {
+  const auto problem_of = [](const std::string& L, const std::string& scheme) {
+    return parse_problem("[field]\nfields = [\"u\"]\nL = \"" + L +
+                             "\"\n[parameters]\nc = 299792458\nw0 = 3e12\nl = 2e-3\n[grid]\nx = { from = 0, to = "
+                             "\"l\", cells = 101 }\n[initial]\nu = \"0.5*cos(2*pi*x/l)\"\nu_t = 0\n[scheme]\n"
+                             "lagrangian = \"" +
+                             scheme + "\"\nstep = 2e-14\nuntil = 1e-12\n",
+                         "metres.toml");
+  };
+  for (const char* const scheme : {"box", "fourier", "leapfrog", "splitting"}) {
+    INFO(scheme);
+    const Problem problem = problem_of("u_t^2/2 - c^2*u_x^2/2 - w0^2*(1 - cos(u))", scheme);
+    CHECK(problem.multisymplectic()->fields == std::vector<std::string>{"u", "u_t", "u_x"});
+    const Folder folder;
+    const Outcome outcome = run(problem, {.output = folder / "a.h5", .threads = 1});
+    CHECK(outcome.status == ExitStatus::done);
+    CHECK(outcome.judgement.verdict == figures::Verdict::good);
+    CHECK(check(folder / "a.h5").status == ExitStatus::done);
+  }
+  // The twin: momenta that are the same but for their unit do not give both derivatives, whatever the units are.
+  CHECK(problem_of("(u_t + c*u_x)^2/2 - w0^2*(1 - cos(u))", "box").multisymplectic()->fields.size() > 3);
+}
