@@ -65,6 +65,9 @@ LevelPlan plan_levels(const Hamiltonian& hamiltonian, const NodesOfOrbit& orbit,
   const std::vector<double> eta = curvatures(hamiltonian, orbit, energies, order);
   const auto [least, most] = std::ranges::minmax(eta);
   const double size = std::max(std::abs(least), std::abs(most)), h = std::abs(orbit.h.front());
+  if (size == 0.0) {  // at an equilibrium: the law leaves every length as it is
+    return plan;
+  }
   const double sign = std::abs(least) > most ? -1.0 : 1.0;
   const double off = (order + 1) * size * std::pow(h, order);
   switch (choice.kind) {

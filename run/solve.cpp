@@ -296,11 +296,22 @@ private:
       return false;
     }
     outcome_.solution = solve_boundary_value(hamiltonian_, ends_, guess, settings_);
-    outcome_.message = outcome_.solution.found() ? "" : fmt::format("{}; {}", outcome_.solution.message, guess_remedy);
+    outcome_.message =
+        outcome_.solution.found()
+            ? ""
+            : fmt::format(
+                  "{}; {}{}", outcome_.solution.message, guess_remedy,
+                  half_ ? "; the time from start to until is a guess of the whole period, not of its half" : "");
     if (outcome_.solution.found() && came_to_rest(outcome_.solution.orbit, guess)) {
-      outcome_.warnings.emplace_back(
+      const std::string at_rest =
           "the solution is an equilibrium, where nothing moves: the guess led there. Begin with a larger motion, or "
-          "take a longer period or another energy");
+          "take a longer period or another energy";
+      if (half_) {
+        outcome_.solution.status = Status::not_converged;  // no half of an orbit
+        outcome_.message = at_rest;
+        return false;
+      }
+      outcome_.warnings.push_back(at_rest);
     }
     return outcome_.solution.found();
   }

@@ -57,7 +57,7 @@ private:
 }  // namespace
 
 std::string NewtonSearch::message(std::size_t iterations) const {
-  return status == Status::undefined
+  return status != Status::not_converged
              ? fmt::format("the equations are not defined at {}", worst)
              : fmt::format(
                    "Newton's method did not converge; the residual is {:.3g} after {} iterations, the largest "

@@ -193,6 +193,22 @@ TEST_CASE("solve: an orbit of no duration is no solution, and one that rests is 
   REQUIRE(rest.status == ExitStatus::done);
   CHECK_THAT(to_json(rest), Catch::Contains("equilibrium"));
   CHECK(closed({"solve.period=8", "-solve.energy"}).warnings.empty());  // twin
+  // The law of levels leaves their lengths open there.
+  const auto other = [&](std::vector<std::string> settings, const std::string& until) {
+    settings.insert(settings.end(), {"-solve.energy", "initial.q=0.5", "initial.p=0", "scheme.until=" + until});
+    return solve_problem(problem_with(settings), {.output = folder / "other.h5", .overwrite = true});
+  };
+  for (const char* until : {"1", "3"}) {
+    const SolveOutcome levels = other({"solve.ends=periodic"}, until);
+    CHECK(levels.status == ExitStatus::done);
+    CHECK_THAT(to_json(levels), Catch::Contains("equilibrium"));
+    const SolveOutcome half = other({"solve.ends=symmetric", "solve.mirror=[\"p\"]"}, until);
+    CHECK(half.status == ExitStatus::failed);
+    CHECK_THAT(half.message, Catch::Contains("equilibrium"));
+  }
+  // The twin: the half of an orbit, begun from a guess of its period.
+  CHECK(other({"solve.ends=symmetric", "solve.mirror=[\"p\"]", "solve.energy=-0.87758"}, "6.2").status ==
+        ExitStatus::done);
 }
 
 TEST_CASE("solve: wrong entries are refused with their place and a remedy") {
