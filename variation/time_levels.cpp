@@ -179,6 +179,12 @@ StepReport TimeLevels::first_step() {
   const bool ill_conditioned = !(result.condition <= options_.condition_limit);
   const double terms_of_step = least_terms * std::abs(result.energy - result.potential - here.energy);
   if (potential_.active()) {
+    if (ill_conditioned && options_.potential.kind == StepPotentialChoice::Kind::automatic) {
+      // Chosen for what rounding grows into later, as at an unstable equilibrium: here K does not depend on h.
+      set_potential({});
+      potential_cost_.reset();
+      return steady_step();
+    }
     if (ill_conditioned) {
       result.status = Status::ill_conditioned;
       return result;

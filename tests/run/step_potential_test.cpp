@@ -153,3 +153,23 @@ until = 0.5
   REQUIRE(weak.statistics.off_law_steps > 0);
   CHECK_THAT(to_json(weak), Contains("had no solution in spite of the step potential"));
 }
+
+TEST_CASE("an unstable equilibrium takes the first step all along, although rounding moves it after the end") {
+  const auto outcome_of = [](const std::string& u) {
+    const Folder folder;
+    Outcome outcome = run(parse_problem("[field]\nequation = \"u_tt = u_xx - sin(u)\"\n[grid]\nx = { from = 0, to = 7, "
+                                        "cells = 33 }\n[initial]\nu = \"" +
+                                            u + "\"\nu_t = 0\n[scheme]\nlagrangian = \"box\"\nstep = 0.02\nuntil = 2\n",
+                                        "rest.toml"),
+                          {.output = folder / "a.h5", .threads = 1});
+    CHECK(outcome.status == ExitStatus::done);
+    CHECK(check(folder / "a.h5").status == ExitStatus::done);
+    return outcome;
+  };
+  const Outcome rest = outcome_of("pi");
+  CHECK(rest.statistics.steps == 100);
+  CHECK(rest.statistics.potential.largest() == 0.0);
+  CHECK(rest.judgement.verdict == figures::Verdict::good);
+  // The twin: it moves, by steps that the law sets.
+  CHECK(outcome_of("3").statistics.potential.largest() > 0.0);
+}
