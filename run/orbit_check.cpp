@@ -97,11 +97,14 @@ public:
     }
     const SegmentLagrangian lagrangian = make_discretisation(problem);
     if (orbit_.L) {
-      map_ = make_one_step_scheme(make_lagrangian(problem), lagrangian, orbit_.initial.q, orbit_.initial.q_dot);
+      const Lagrangian L = make_lagrangian(problem);
+      map_ = make_one_step_scheme(L, lagrangian, orbit_.initial.q, orbit_.initial.q_dot);
+      energy_size_ = formula::SumSizeEvaluator(L.energy_size_code());
       velocities_.emplace(reader, "/states/q_dot", n_);
     } else {
       const Hamiltonian hamiltonian = make_hamiltonian(problem);
       gradient_size_.emplace(hamiltonian.gradient_code());
+      energy_size_ = formula::SumSizeEvaluator(hamiltonian.size_code());
       law_.emplace(make_node_law(hamiltonian, lagrangian));
       if (method_of(lagrangian).is_map() || !orbit_.constraints.empty()) {
         map_ = make_one_step_scheme(hamiltonian, lagrangian, initial_state());
@@ -287,16 +290,13 @@ private:
     }
   }
 
-  /// How far two evaluations of H at z may differ by their rounding errors, each within the bound of RoundingEvaluator.
-  /// Where terms of H cancel, that is more than displaced states show. Schemes evaluate H by other code than node_at();
-  /// of a problem stated by L both use the same.
+  /// How far two evaluations of the node energy at z may differ, each by its rounding error: where terms of it cancel,
+  /// that is more than displaced states show. Schemes evaluate it by other code than node_at().
   [[nodiscard]] double rounding_of_evaluations(const std::vector<double>& z) {
-    if (!gradient_size_) {
-      return 0.0;
+    if (orbit_.L) {
+      static_cast<void>(node_at(z));
     }
-    gradient_size_->run(z, std::vector<double>(z.size(), 0.0));
-    const double bound = gradient_size_->bound(0);  // in units of 2⁻⁵³, half of epsilon
-    return std::isfinite(bound) ? std::numeric_limits<double>::epsilon() * bound : 0.0;
+    return 2.0 * energy_size_(std::span(formula_inputs(z)).first(2 * n_)).rounding;  // of (q, p), or (q, q̇)
   }
 
   /// H, Γ and the invariants at a level, where it has a row.
@@ -671,7 +671,8 @@ private:
   std::optional<StoredStates> before_;
   std::optional<StoredRows> velocities_;  ///< of a problem stated by L
   std::vector<double> inputs_;
-  std::optional<formula::RoundingEvaluator> gradient_size_;  ///< of H, ∇H; of a problem stated by L none
+  std::optional<formula::RoundingEvaluator> gradient_size_;  ///< of ∇H; of a problem stated by L none
+  formula::SumSizeEvaluator energy_size_;                    ///< of the node energy
   std::vector<double> size_;                                 ///< the largest magnitude of each component
   std::vector<double> scale_;                                ///< of each component: see find_scales()
   StoredRows node_energy_, gamma_, energy_;

@@ -70,27 +70,28 @@ TEST_CASE("check sees a record that was altered") {
   CHECK(mended.statistics.energy_deviation() <= 1e-13);
 }
 
-TEST_CASE("check allows for the rounding of terms that cancel in H, and for no more") {
+TEST_CASE("check allows for the rounding of terms that cancel in the energy, and for no more") {
   const Folder folder;
   const std::string file = folder / "orbit.h5";
   struct Case {
-    std::string H;
-    double terms;  // the magnitudes of the terms of H
+    std::string section, formula;
+    double terms;  // the magnitudes of the terms of the energy
   };
-  for (const Case& example : {Case{"p^2/(2*2*1.5^2) + 2*9.81*1.5*(1-cos(q))", 60.0}, Case{"p^2/2 + cosh(q) - 1", 2.0},
-                              Case{"sqrt(10^2+p^2) - 10 + q^2/2", 20.0}, Case{"p^2/2 + exp(q) - q - 1", 2.0}}) {
-    INFO(example.H);
+  const std::string by_H = "[hamiltonian]\np = [\"p\"]\nH", by_L = "[lagrangian]\nL";
+  for (const Case& example :
+       {Case{by_H, "p^2/(2*2*1.5^2) + 2*9.81*1.5*(1-cos(q))", 60.0}, Case{by_H, "p^2/2 + cosh(q) - 1", 2.0},
+        Case{by_H, "sqrt(10^2+p^2) - 10 + q^2/2", 20.0}, Case{by_H, "p^2/2 + exp(q) - q - 1", 2.0},
+        Case{by_L, "2*1.5^2*q_dot^2/2 - 2*9.81*1.5*(1-cos(q))", 60.0}}) {
+    INFO(example.formula);
     const Problem problem = parse_problem(
-        fmt::format(
-            "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"{}\"\n[initial]\nq = 0.05\np = 0\n[scheme]\nstep = 0.01\n"
-            "until = 5\n",
-            example.H),
+        fmt::format("{} = \"{}\"\nq = [\"q\"]\n[initial]\nq = 0.05\n{} = 0\n[scheme]\nstep = 0.01\nuntil = 5\n",
+                    example.section, example.formula, example.section == by_H ? "p" : "q_dot"),
         "cancelling.toml", {});
     REQUIRE(run(problem, {.output = file, .overwrite = true}).status == ExitStatus::done);
     const Outcome checked = check(file);
     CHECK(checked.status == ExitStatus::done);
     CHECK(checked.disagreements.empty());
-    // No more than a few of the operations of H round as much as its terms.
+    // No more than a few of the operations round as much as the terms.
     falsify(file, "/levels/node_energy", 100, 16.0 * epsilon * example.terms);
     const Outcome altered = check(file);
     CHECK(altered.status == ExitStatus::contradiction);
