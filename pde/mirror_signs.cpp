@@ -8,6 +8,41 @@
 
 namespace rubato {
 
+namespace {
+
+/// Whether f is the derivative, by a constraint, of a field after it that S does not name: u of u = φ_x.
+bool has_later_potential(const MultisymplecticSystem& system, int axis, std::size_t f) {
+  const auto d = static_cast<std::size_t>(system.field_count());
+  for (std::size_t potential = f + 1; potential < d; ++potential) {
+    for (std::size_t multiplier = 0; multiplier < d && system.structure().potential[potential]; ++multiplier) {
+      const auto row = static_cast<Eigen::Index>(multiplier);
+      if (system.K(axis)(row, static_cast<Eigen::Index>(potential)) != 0.0 && system.M().row(row).isZero(0.0) &&
+          system.constant_hessian()(row, static_cast<Eigen::Index>(f)) != 0.0) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+/// Joins a field that M and K couple with none of these, and that S multiplies by one: c z_f z_g is the same in a
+/// mirror where both have one sign. \return false if there is none
+bool join_next(const MultisymplecticSystem& system, std::vector<std::size_t>& joined, std::vector<int>& signs) {
+  for (const std::size_t f : joined) {
+    for (std::size_t g = 0; g < signs.size(); ++g) {
+      if (signs[g] == 0 &&
+          system.constant_hessian()(static_cast<Eigen::Index>(f), static_cast<Eigen::Index>(g)) != 0.0) {
+        signs[g] = signs[f];
+        joined.push_back(g);
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
 MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const std::string& name) {
   const auto d = static_cast<std::size_t>(system.field_count());
   of_field.assign(d, 0);
@@ -28,9 +63,9 @@ MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const st
   };
   const auto moves = [&](std::size_t f) { return !system.M().row(static_cast<Eigen::Index>(f)).isZero(0.0); };
   std::vector<std::size_t> order;
-  for (const bool moving : {true, false}) {
+  for (const bool leads : {true, false}) {
     for (std::size_t f = 0; f < d; ++f) {
-      if (moves(f) == moving) {
+      if ((moves(f) || has_later_potential(system, axis, f)) == leads) {
         order.push_back(f);
       }
     }
@@ -42,7 +77,7 @@ MirrorSigns::MirrorSigns(const MultisymplecticSystem& system, int axis, const st
     of_field[lead] = 1;
     std::vector<std::size_t> joined = {lead};
     bool any = false;
-    for (std::size_t i = 0; i < joined.size(); ++i) {
+    for (std::size_t i = 0; i < joined.size() || join_next(system, joined, of_field); ++i) {
       const std::size_t f = joined[i];
       for (std::size_t g = 0; g < d; ++g) {
         const auto [sign, clash] = relation(f, g);
