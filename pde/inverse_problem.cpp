@@ -192,7 +192,11 @@ private:
       return std::nullopt;
     }
     const auto rest = potential_of(rows, factors, potential);
-    return rest ? std::optional(density_from(reduced(L), *rest, potential)) : std::nullopt;
+    if (!rest) {
+      return std::nullopt;
+    }
+    const JetPolynomial low = reduced(L);
+    return density_from(potential ? with_derivatives_of(low, *potential) : low, *rest, potential);
   }
 
   /// The factors a of the rows E with which Σ a_g L_g has the rows a_f E_f, L_g of E_g alone: linear equations, one for

@@ -129,6 +129,47 @@ JetPolynomial reduced(const JetPolynomial& L) {
   return result;
 }
 
+JetPolynomial with_derivatives_of(const JetPolynomial& L, std::size_t field) {
+  const Jet bare{field, {}};
+  const auto is_bare = [&bare](const JetMonomial& monomial) {
+    return monomial.size() > 2 && std::ranges::find(monomial, bare) != monomial.end();
+  };
+  JetPolynomial left = L, result;
+  while (!left.empty()) {
+    const auto [monomial, coefficient] = *left.begin();
+    left.erase(left.begin());
+    if (!is_bare(monomial)) {
+      add(result, monomial, coefficient);
+      continue;
+    }
+    // φ lower^k D(lower) others, with fields in `others` that come later, so that this ends: u v φ (uv)_x meets itself.
+    const auto moving = std::ranges::find_if(monomial, [](const Jet& jet) { return jet.order[1] == 1; });
+    if (moving == monomial.end() || total(*moving) != 1 || moving->field == field) {
+      return L;
+    }
+    const Jet lower = shifted(*moving, 1, -1);
+    JetMonomial others = monomial;
+    others.erase(std::ranges::find(others, *moving));
+    others.erase(std::ranges::find(others, bare));
+    const auto power = std::erase(others, lower);
+    if (std::ranges::any_of(others, [](const Jet& jet) { return total(jet) > 0; })) {
+      return L;
+    }
+    if (std::ranges::any_of(others, [&](const Jet& jet) { return jet.field < lower.field; })) {
+      add(result, monomial, coefficient);
+      continue;
+    }
+    others.push_back(bare);
+    for (const auto& [moved, factor] : differentiated(JetPolynomial{{others, 1.0}}, 1)) {
+      JetMonomial whole = moved;
+      whole.insert(whole.end(), power + 1, lower);
+      add(left, whole, -coefficient * factor / static_cast<double>(power + 1));
+    }
+  }
+  const bool is_named = std::ranges::any_of(result, [&](const auto& entry) { return is_bare(entry.first); });
+  return is_named ? L : result;
+}
+
 std::optional<JetPolynomial> integrated_by_x(JetPolynomial polynomial) {
   JetPolynomial G;
   constexpr int most_terms = 1000;

@@ -35,6 +35,10 @@ void add(JetPolynomial& sum, const JetPolynomial& other, double factor);
 /// taken off where it is the highest.
 [[nodiscard]] JetPolynomial reduced(const JetPolynomial& L);
 
+/// The same density with derivatives by x moved by parts to a field that stands undifferentiated in products of three
+/// and more, u φ u_x = -u² φ_x/2 + D_x(…), if it can be named by its derivatives alone; otherwise as it is.
+[[nodiscard]] JetPolynomial with_derivatives_of(const JetPolynomial& L, std::size_t field);
+
 /// G with D_x G = polynomial, if there is one.
 [[nodiscard]] std::optional<JetPolynomial> integrated_by_x(JetPolynomial polynomial);
 

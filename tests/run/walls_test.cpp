@@ -428,3 +428,43 @@ TEST_CASE("walls are refused where they cannot be, with place, reason and remedy
       refusal({}, with(collision, "K.x = [[\"u\", \"w\", 1]]", "K.x = [[\"u\", \"w\", 1], [\"u\", \"v\", 0.5]]")),
       Contains("mirror") && Contains("couple"));
 }
+
+TEST_CASE("an equation's own field is what walls hold or leave free, whatever others it is written with") {
+  struct Case {
+    std::string equation, initial, exact, field;
+    const char* wall;
+  };
+  // Beams that are pinned or guided, Maxwell's equations of either order, and waves of which u is φ_x.
+  const std::vector<Case> all = {
+      {"\"u_tt + u_xxxx = 0\"", "u = \"sin(2*x)\"\nu_t = 0", "sin(2*x)*cos(4*t)", "u", "fixed"},
+      {"\"u_tt + u_xxxx = 0\"", "u = \"cos(2*x)\"\nu_t = 0", "cos(2*x)*cos(4*t)", "u", "free"},
+      {"\"u_tt = u_xx - u_xxxx\"", "u = \"sin(x)\"\nu_t = 0", "sin(x)*cos(sqrt(2)*t)", "u", "fixed"},
+      {"[\"E_t = -B_x\", \"B_t = -E_x\"]", "E = \"sin(x)\"\nB = 0", "sin(x)*cos(t)", "E", "fixed"},
+      {"[\"B_t = -E_x\", \"E_t = -B_x\"]", "B = \"sin(x)\"\nE = 0", "sin(x)*cos(t)", "B", "fixed"},
+      {"[\"E_t = -B_x\", \"B_t = -E_x\"]", "E = \"cos(x)\"\nB = 0", "cos(x)*cos(t)", "E", "free"}};
+  const Folder folder;
+  for (const Case& one : all) {
+    const auto error = [&](const char* wall) {
+      const std::string file = folder / "wall.h5";
+      const std::string text = fmt::format(
+          "[field]\nequation = {}\n[grid]\nx = {{ from = 0, to = \"pi\", cells = 24, left = \"{}\", right = \"{}\" }}\n"
+          "[initial]\n{}\n[exact]\n{} = \"{}\"\n[scheme]\nlagrangian = \"fourier\"\nstages = 3\nlevels = \"fixed\"\n"
+          "step = 0.05\nuntil = 1\n",
+          one.equation, wall, wall, one.initial, one.field, one.exact);
+      const Outcome outcome = run(parse_problem(text, "walls.toml"), {.output = file, .overwrite = true, .threads = 1});
+      return std::pair(outcome.judgement.verdict, outcome.statistics.errors.front().value.largest());
+    };
+    INFO(one.equation << ", " << one.wall);
+    const auto [verdict, worst] = error(one.wall);
+    CHECK(verdict == figures::Verdict::good);
+    CHECK(worst < 1e-6);  // (ωh)^7 over some thousands, times the steps
+    CHECK(check(folder / "wall.h5").status == ExitStatus::done);
+    // The twin: a wall of the other kind, which such data do not meet.
+    try {
+      const double wrong = error(std::string(one.wall) == "fixed" ? "free" : "fixed").second;
+      CHECK(wrong > 1e-2);
+    } catch (const ProblemError& refused) {
+      CHECK_THAT(refused.what(), Contains("meet the wall"));
+    }
+  }
+}
