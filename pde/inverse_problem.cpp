@@ -439,24 +439,28 @@ private:
     }
     return fmt::format("{}", fmt::join(factors, "*"));
   }
-  /// Of a single equation of first order in time a linear term of even order in space; or none.
+  /// Of a single equation of first order in time a linear term whose order in space is even, or as odd as that of the
+  /// derivative by t: u_xx beside u_t, u_xxx beside u_xt; or none.
   [[nodiscard]] std::string even_derivative() const {
-    std::string even;
-    bool moves = false;
+    std::optional<int> moving;
     for (const auto& [monomial, coefficient] : rows_.front().terms) {
-      if (monomial.size() != 1) {
-        continue;
-      }
-      const Jet& jet = monomial.front();
-      if (jet.order[0] > 1) {
-        return "";
-      }
-      moves = moves || jet.order[0] == 1;
-      if (jet.order[0] == 0 && total(jet) > 0 && total(jet) % 2 == 0 && even.empty()) {
-        even = text_of(monomial);
+      for (const Jet& jet : monomial) {
+        if (jet.order[0] > 1) {
+          return "";
+        }
+        if (jet.order[0] == 1 && monomial.size() == 1) {
+          moving = total(jet) - 1;
+        }
       }
     }
-    return moves ? even : "";
+    for (const auto& [monomial, coefficient] : rows_.front().terms) {
+      const int order = total(monomial.front());
+      if (moving && monomial.size() == 1 && monomial.front().order[0] == 0 && order > *moving &&
+          (order - *moving) % 2 == 0) {
+        return text_of(monomial);
+      }
+    }
+    return "";
   }
   [[noreturn]] void refuse() const {
     if (!without_integral_.empty()) {
