@@ -55,10 +55,13 @@ std::vector<std::string> fields_in(const std::vector<const Value*>& equations) {
   return fields;
 }
 
-/// What `psi` says where equations with i name psi, or psi1, psi2, …, and it is left out: p and q, or p1, q1, …
+/// What `psi` says where equations with i, abs2 or conj name psi, or psi1, psi2, …, and it is left out: p and q, or p1,
+/// q1, …
 std::optional<Entry> usual_parts(const std::vector<const Value*>& equations, const Location& place) {
-  if (std::ranges::none_of(equations,
-                           [](const Value* text) { return names_in(read_string(*text, "equation")).contains("i"); })) {
+  if (std::ranges::none_of(equations, [](const Value* text) {
+        const std::set<std::string> names = names_in(read_string(*text, "equation"));
+        return std::ranges::any_of(std::array{"i", "abs2", "conj"}, [&](const char* n) { return names.contains(n); });
+      })) {
     return std::nullopt;
   }
   const std::vector<std::string> fields = fields_in(equations);

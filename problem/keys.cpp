@@ -223,8 +223,8 @@ std::vector<KeyEntry> make_keys() {
       {"field", "pairs", "list of pairs", none,
        "The pairs [\"u\", \"v\"] of canonical; with dx, u_t = d/dx dH/dv, v_t = d/dx dH/du."},
       {"field", "psi", "two names, or list of such pairs", "required with schroedinger",
-       "The real and the imaginary part of psi, or of psi1, psi2, ...; of an equation with i p and q, or p1, q1, ... "
-       "where it is left out."},
+       "The real and the imaginary part of psi, or of psi1, psi2, ...; of equations with i, abs2 or conj p and q, or "
+       "p1, q1, ... where it is left out."},
 
       {"grid", "x", "table", required, "See [grid.x]; written x = { from = ..., to = ..., cells = ... }."},
       {"grid", "y", "table", none, "The second direction."},

@@ -373,8 +373,8 @@ class Lattice:
         pairs = table.get("psi")
         if not pairs:
             usual = re.fullmatch(r"psi(\d*)(_t)?", name)
-            has_i = re.search(r"\bi\b", str(table.get("equation", "")))
-            return [part + name[3:] for part in "pq"] if usual and has_i else None
+            is_complex = re.search(r"\b(i|abs2|conj)\b", str(table.get("equation", "")))
+            return [part + name[3:] for part in "pq"] if usual and is_complex else None
         pairs = {"psi": pairs} if isinstance(pairs[0], str) else {f"psi{i + 1}": pair for i, pair in enumerate(pairs)}
         of = name[:-2] if name.endswith("_t") else name
         return [part + name[len(of):] for part in pairs[of]] if of in pairs else None

@@ -540,9 +540,26 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
              Contains("p.toml:3:6: u_t is a derivative by t, and H has none"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2 - a_x^2\"\n[parameters]\na = 1"),
              Contains("a_x is a derivative of the parameter a"));
-  CHECK_THAT(refusal("equation = \"i*u_t + u_xx = 0\""), Contains("i is the imaginary unit of a complex unknown"));
+  CHECK_THAT(refusal("equation = \"i*u_t + u_xx = 0\""),
+             Contains("i is the imaginary unit of a complex unknown") && Contains("called psi"));
   CHECK_THAT(refusal("fields = [\"u\", \"v\"]\nL = \"(u_t - v_x)^2/2\""), Contains("a gauge"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2\"\nN = 1"), Contains("unknown key N"));
+}
+
+TEST_CASE("psi is complex where its equation has abs2 or conj, as where it has i") {
+  const auto fields = [](const std::string& equation) {
+    const Problem problem = parse_problem("[field]\nequation = \"" + equation +
+                                              "\"\n[grid]\nx = { from = -5, to = 5, cells = 33 }\n[initial]\n"
+                                              "psi = \"sech(x)\"\npsi_t = \"i*sech(x)\"\n[scheme]\nstep = 0.1\n"
+                                              "until = 1\n",
+                                          "psi.toml");
+    return problem.multisymplectic()->fields;
+  };
+  const std::vector<std::string> of_abs2 = fields("psi_tt = psi_xx - psi - abs2(psi)*psi");
+  CHECK(std::vector<std::string>(of_abs2.begin(), of_abs2.begin() + 2) == std::vector<std::string>{"p", "q"});
+  CHECK(fields("psi_tt = psi_xx - psi - psi*conj(psi)*psi") == of_abs2);
+  // A real field of that name stays one, for which a complex start is no data.
+  CHECK_THROWS_AS(fields("psi_tt = psi_xx - psi - psi^3"), ProblemError);
 }
 
 TEST_CASE("forces of place and time drive a field that has a potential, with their sign and a mean of the field") {
