@@ -130,7 +130,7 @@ class Result:
     sensitivities : dict
         With ``tangents={"parameters": ["mu"]}`` the derivatives of the stored states by these parameters, as `y`.
     t_events, y_events : list of arrays
-        The crossings of each event; `events` has them by name.
+        The crossings of each event, states as columns as in `y` (solve_ivp has them as rows); `events` has them by name.
     success, status, message : how the run ended; `status` is that of the program, 0 is done.
     verdict, reasons : "good", "doubtful" or "lost", and why.
     warnings : list of str

@@ -74,6 +74,15 @@ class Symbol:
     def __rpow__(self, other):
         return _binary("^", other, self)
 
+    def __mod__(self, other):
+        return call("mod", self, other)
+
+    def __rmod__(self, other):
+        return call("mod", other, self)
+
+    def __floordiv__(self, other):
+        return call("floor", self / other)
+
     def __neg__(self):
         return Symbol("neg", (self,))
 
@@ -123,7 +132,10 @@ class Symbol:
     def __array_function__(self, function, types, arguments, keywords):
         if function is np.where and len(arguments) == 3 and not keywords:
             return where(*arguments)
-        return NotImplemented
+        if function is np.clip and len(arguments) == 3 and not keywords:
+            value, least, most = arguments
+            return np.maximum(np.minimum(as_symbol(value), most), least)
+        raise TypeError(f"numpy.{function.__name__} has no formula: write it with where, minimum and maximum")
 
 
 class Condition(Symbol):
@@ -136,7 +148,14 @@ class Condition(Symbol):
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _refuse
     __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = __lt__ = __le__ = __gt__ = __ge__ = _refuse
+    __mod__ = __rmod__ = __floordiv__ = _refuse
     __hash__ = object.__hash__
+
+    def _combine(self, *_):
+        raise TypeError("comparisons do not combine: where(a, where(b, x, y), y) is x where a and b hold, "
+                        "where(a, x, where(b, x, y)) where one of them does")
+
+    __and__ = __rand__ = __or__ = __ror__ = __xor__ = __rxor__ = __invert__ = _combine
 
 
 def _compared(operator: str, left, right) -> Condition:
@@ -223,6 +242,8 @@ _COMPOSED = {
     "positive": lambda a: a,
     "square": lambda a: a ** 2,
     "reciprocal": lambda a: 1 / a,
+    "remainder": lambda a, b: call("mod", a, b),
+    "floor_divide": lambda a, b: call("floor", as_symbol(a) / b),
     "hypot": lambda a, b: call("sqrt", as_symbol(a) ** 2 + as_symbol(b) ** 2),
     "log2": lambda a: call("log", a) / call("log", 2),
     "log10": lambda a: call("log", a) / call("log", 10),

@@ -39,6 +39,7 @@ class Tracing(unittest.TestCase):
             lambda x, y: np.sqrt(np.hypot(x, y)) * np.exp(-x ** 2) / (1 + np.abs(y)),
             lambda x, y: np.arctan2(x, y) + np.minimum(x, y) * np.maximum(x, 2) - np.log1p(x * x),
             lambda x, y: -x ** 2 * -(y - 1) / -3,
+            lambda x, y: x % 0.2 + np.mod(-3 * y, 2) + x // 0.1 + 2.5 % y + np.clip(x * y, 0.2, 0.22),
             lambda x, y: rb.sech(x) + rb.csch(y) + np.expm1(x / 3) + np.reciprocal(2 + y * y) + np.square(x),
         ]
         free = rb.Hamiltonian("x y", "u v", "u^2/2 + v^2/2")
@@ -56,7 +57,11 @@ class Tracing(unittest.TestCase):
         self.assertEqual(str(rb.where(np.float64(1) >= x + y, 0, 1)), "where(1 >= x + y, 0, 1)")
         np.testing.assert_array_equal(rb.where(np.array([True, False]), 1, 2), [1, 2])
         self.assertEqual(str(np.expm1(x) + np.log1p(y)), "expm1(x) + log1p(y)")
-        for wrong in (lambda: (x > 0) + 1, lambda: (x > 0) > y, lambda: bool(x > 0), lambda: rb.where(x > 0, x < 1, 2),
+        with self.assertRaisesRegex(TypeError, "where a and b hold"):
+            (x > 0) & (y > 0)
+        with self.assertRaisesRegex(TypeError, "numpy.piecewise has no formula: write it with where"):
+            np.piecewise(x, [x > 0], [1.0])
+        for wrong in (lambda: (x > 0) + 1, lambda: (x > 0) % 2, lambda: (x > 0) > y, lambda: bool(x > 0), lambda: rb.where(x > 0, x < 1, 2),
                       lambda: np.sin(x > 0), lambda: rb.Hamiltonian("x", "y", lambda x, y: x > y) and rb.integrate(
                           rb.Hamiltonian("x", "y", lambda x, y: x > y), [0, 1], (0, 1), step=0.1)):
             with self.assertRaises((TypeError, rb.ProblemError)):
