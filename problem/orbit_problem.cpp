@@ -143,4 +143,16 @@ OrbitIntegrator make_integrator(const Problem& problem) {
   }
 }
 
+std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem) {
+  std::vector<std::string> names;
+  const auto coordinates = problem.names();
+  for (const std::string_view suffix : {"_0", "_1"}) {
+    names.push_back(fmt::format("t{}", suffix));
+    for (const std::string& name : coordinates) {
+      names.push_back(fmt::format("{}{}", name, suffix));
+    }
+  }
+  return names;
+}
+
 }  // namespace rubato

@@ -263,6 +263,10 @@ void read_constraints(Section& root, HamiltonianProblem& orbit, const Parameters
 void check_constrained(const Problem& problem);
 /// [scheme] tangents, if there are any.
 [[nodiscard]] StatedTangents read_tangents(Section& scheme, const Problem& problem);
+
+/// L of a lattice, a density of the corners of a cell, as the ring sees it: with the time of a driven system as a
+/// field. \throws ProblemError if it names no field or a place that S does not name, or boundaries change it
+[[nodiscard]] std::shared_ptr<const CornerDensity> read_corner_density(const FormulaText& text, const Problem& problem);
 /// The values of `--set` that put fitted numbers in the place of "fit". \throws ProblemError where a first step of the
 /// problem in the laboratory fails
 [[nodiscard]] std::vector<std::string> fitted_frame(const Problem& problem);

@@ -474,55 +474,7 @@ private:
     const FormulaText text = read_formula(entry->value, "L");
     scheme_.L = text;
     scheme_.lagrangian_location = text.location;
-    CornerDensity density = corner_variables(pde.fields, dimensions);
-    if (pde.driven) {
-      names.emplace_back("t");
-    }
-    density.L = build_formula(text, *density.graph, {names}, parameters_);
-    check_density(pde, text, density);
-    check_density_jumps(pde, text, density);
-    check_density_twists(problem_, text, density);
-    check_density_walls(problem_, text, density);
-    scheme_.density = std::make_shared<CornerDensity>(make_jumps(problem_).seen(std::move(density)));
-  }
-
-  void check_density(const MultisymplecticProblem& pde, const FormulaText& text, CornerDensity& density) const {
-    bool names_any = false;
-    for (int f = 0; f < density.fields; ++f) {
-      names_any = names_any || density.names(f);
-    }
-    if (!names_any) {
-      throw ProblemError(text.location,
-                         fmt::format("L names no value of a field: those at the corners of a cell are {}, …",
-                                     corner_names(pde.fields, density.dimensions).front()));
-    }
-    formula::Graph graph;
-    const std::vector<std::string> quantities = quantity_names(pde);
-    const auto of_S = formula::variables_of(problem_.build(pde.S, graph, quantities));
-    for (int a = 0; a < density.dimensions; ++a) {
-      const std::string& axis = pde.axes[static_cast<std::size_t>(a)].name;
-      const auto number = formula::variables_of(graph.variable(axis)).front();
-      if (density.names_place(a) && std::ranges::find(of_S, number) == of_S.end()) {
-        throw ProblemError(
-            text.location,
-            fmt::format("L names {0}, and S does not: the equation is the same at every {0}, so leave {0} "
-                        "out of L",
-                        axis));
-      }
-    }
-    if (pde.driven) {
-      extend_by_time(density);
-    }
-  }
-
-  /// Of a driven system: t, which is that of the lower level, by the field `time`, and the part of `time` and
-  /// `minus_work`, the last two fields.
-  static void extend_by_time(CornerDensity& density) {
-    const int clock = density.fields - 2, work = density.fields - 1, upper = density.corner_count() / 2;
-    const formula::Expression t = density.graph->variable("t"), h = density.spacings.front();
-    const auto mean = [&](int field) { return 0.5 * (density.corner(field, 0) + density.corner(field, upper)); };
-    density.L = formula::substitute(density.L, std::array{t}, std::array{mean(clock) - 0.5 * h}) +
-                mean(work) * ((density.corner(clock, upper) - density.corner(clock, 0)) / h - 1.0);
+    scheme_.density = read_corner_density(text, problem_);
   }
 
   /// The names in a custom 𝕃, which no parameter may hide.
@@ -733,18 +685,6 @@ std::string_view to_string(Levels levels) {
 }
 std::string_view to_string(OnSingular on_singular) {
   return on_singular_words[static_cast<std::size_t>(on_singular)];
-}
-
-std::vector<std::string> custom_lagrangian_names(const HamiltonianProblem& problem) {
-  std::vector<std::string> names;
-  const auto coordinates = problem.names();
-  for (const std::string_view suffix : {"_0", "_1"}) {
-    names.push_back(fmt::format("t{}", suffix));
-    for (const std::string& name : coordinates) {
-      names.push_back(fmt::format("{}{}", name, suffix));
-    }
-  }
-  return names;
 }
 
 Scheme read_scheme(Section& root, const Problem& problem) {
