@@ -142,7 +142,9 @@ public:
       section_.finish();
       form_ = multisymplectic_form(density_);
       root_.rewrite(data());
-      return {"multisymplectic", stated.location, form_table(form_, jets_.axes, stated.value.location)};
+      Entry derived = {"multisymplectic", stated.location, form_table(form_, jets_.axes, stated.value.location)};
+      name_vectors(derived.value);
+      return derived;
     } catch (const ProblemError&) {
       throw;
     } catch (const std::invalid_argument& error) {
@@ -206,7 +208,25 @@ public:
   }
 
 private:
-  void read_fields(const Value& value) { density_.fields = read_names(value, "fields", "a field", jets_.taken).names; }
+  void read_fields(const Value& value) {
+    stated_ = read_names(value, "fields", "a field", jets_.taken);
+    density_.fields = stated_.names;
+  }
+  /// Vectors of fields are listed as such in the form that was derived, so that [initial] takes r = [..], too.
+  void name_vectors(Value& form) const {
+    auto& fields = std::get<Value::Array>(find(*form.table(), "fields")->value.data);
+    if (!std::equal(stated_.names.begin(), stated_.names.end(), form_.fields.begin(),
+                    form_.fields.begin() + std::ssize(stated_.names))) {
+      return;
+    }
+    for (const NameList::Group& group : stated_.groups | std::views::reverse) {
+      if (group.is_vector) {
+        const auto first = fields.begin() + static_cast<std::ptrdiff_t>(group.first);
+        first->data = fmt::format("{}[{}]", group.base, group.count);
+        fields.erase(first + 1, first + static_cast<std::ptrdiff_t>(group.count));
+      }
+    }
+  }
 
   /// \throws std::invalid_argument if a derivative of a density has more than so many by t
   void check_rates(int most) const {
@@ -525,6 +545,7 @@ private:
   FieldDensity& density_;  ///< of jets_
   std::string damped_;     ///< the field of a damped equation, of which the form has a multiple
   MultisymplecticForm form_;
+  NameList stated_;  ///< fields, where they are listed
 };
 
 }  // namespace

@@ -72,12 +72,7 @@ const figures::Deviation& work_of(const Outcome& outcome) {
 }
 
 std::string driven_refusal(const Settings& settings, const std::string& problem = driven_breather) {
-  try {
-    static_cast<void>(make_lattice(parse_problem(problem, "driven.toml", settings)));
-  } catch (const ProblemError& error) {
-    return error.what();
-  }
-  return "";
+  return refusal_at_start(problem, "driven.toml", settings);
 }
 
 }  // namespace

@@ -94,12 +94,7 @@ EulerBoxRun euler_box_run(const std::string& problem, const Settings& settings, 
 }
 
 std::string euler_box_refusal(const std::string& problem, const Settings& settings) {
-  try {
-    static_cast<void>(make_lattice(parse_problem(problem, "walls.toml", settings)));
-  } catch (const ProblemError& error) {
-    return error.what();
-  }
-  return "";
+  return refusal_at_start(problem, "walls.toml", settings);
 }
 
 }  // namespace

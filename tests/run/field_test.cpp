@@ -17,6 +17,7 @@
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
+#include "problem_texts.hpp"
 #include "records.hpp"
 
 using namespace rubato;
@@ -607,12 +608,7 @@ TEST_CASE("a force that would move the mean of a field with a potential is refus
         "[field]\nequation = \"u_t + 6*u*u_x + u_xxx = {}\"\n[grid]\nx = {{ from = 0, to = \"2*pi\", cells = 33 }}\n"
         "[initial]\nu = \"0.1*cos(x)\"\n[scheme]\nlagrangian = \"fourier\"\nstep = 0.01\nuntil = 0.1\n",
         force);
-    try {
-      static_cast<void>(make_lattice(parse_problem(text, "forced")));
-    } catch (const ProblemError& error) {
-      return std::string(error.what());
-    }
-    return std::string();
+    return refusal_at_start(text, "forced");
   };
   CHECK_THAT(said("cos(t)"), Contains("forced:2:") && Contains("at all times") && Contains("Subtract the mean"));
   CHECK_THAT(said("sin(t)"), Contains("forced:2:") && Contains("at all times"));  // 0 at the start
@@ -627,12 +623,7 @@ TEST_CASE("a field is in one pair, and in that once") {
         "[field]\nfields = [\"u\", \"m\"]\nH = \"m^2/2 + u^2/2 + u_x^2/2\"\nstructure = \"dx\"\npairs = " + pairs +
         "\n[grid]\nx = { from = 0, to = 1, cells = 15 }\n[initial]\nu = 0\nm = 0\n[scheme]\nlagrangian = \"fourier\"\n"
         "step = 0.1\nuntil = 1\n";
-    try {
-      static_cast<void>(parse_problem(text, "t.toml"));
-    } catch (const ProblemError& error) {
-      return std::string(error.what());
-    }
-    return std::string();
+    return refusal_at_start(text, "t.toml");
   };
   CHECK(said("[[\"u\", \"m\"]]").empty());
   CHECK_THAT(said("[[\"u\", \"u\"]]"), Contains("t.toml:5:10: pairs: u is in a pair twice"));
@@ -705,4 +696,23 @@ TEST_CASE("a field with a potential keeps its mean where the potential can be na
     }
     CHECK(difference < 1e-4);  // two densities of one equation, each of order 2
   }
+}
+
+TEST_CASE("a vector of fields begins from a list or from its parts") {
+  const auto problem = [](const std::string& initial) {
+    return "[field]\nfields = [\"w\", \"r[2]\"]\nL = \"(r1_t^2 + r2_t^2 + w_t^2 - r1_x^2 - r2_x^2 - w_x^2)/2 - "
+           "(r1^2 + r2^2)^2/4 - w^2*r1\"\n[grid]\nx = { from = 0, to = \"2*pi\", cells = 16 }\n[initial]\nw = "
+           "\"sin(x)\"\n"
+           "r1_t = 0\nr2_t = 0\nw_t = 0\n" +
+           initial + "\n[scheme]\nlagrangian = \"fourier\"\nstep = 0.05\nuntil = 0.2\n";
+  };
+  const auto first = [&](const std::string& initial) {
+    return make_lattice(parse_problem(problem(initial), "t.toml")).level().fields;
+  };
+  const grids::FieldSet list = first("r = [\"cos(x)\", 0.2]"), parts = first("r1 = \"cos(x)\"\nr2 = 0.2"),
+                        other = first("r1 = 0.2\nr2 = \"cos(x)\"");
+  CHECK(std::ranges::equal(list.all(), parts.all()));
+  CHECK_FALSE(std::ranges::equal(list.all(), other.all()));
+  CHECK_THAT(refusal_at_start(problem("r = [\"cos(x)\", 0.2]\nr1 = 0"), "t.toml"), Contains("r1"));
+  CHECK_THAT(refusal_at_start(problem("r = [0]"), "t.toml"), Contains("t.toml:11:"));
 }

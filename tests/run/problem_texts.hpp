@@ -7,6 +7,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/figures/statistics.hpp>
+#include <rubato/problem/lattice_problem.hpp>
 #include <rubato/problem/problem.hpp>
 
 /// What tests of problems that are stated as one text share.
@@ -30,6 +31,16 @@ inline std::string with(std::string text, const std::string& from, const std::st
 inline std::string refusal(const std::string& text, const std::string& file, const Settings& settings) {
   try {
     static_cast<void>(parse_problem(text, file, settings));
+  } catch (const ProblemError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+/// The same, or that with which its first level is.
+inline std::string refusal_at_start(const std::string& text, const std::string& file, const Settings& settings = {}) {
+  try {
+    static_cast<void>(make_lattice(parse_problem(text, file, settings)));
   } catch (const ProblemError& error) {
     return error.what();
   }

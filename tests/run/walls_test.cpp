@@ -74,12 +74,7 @@ double error_of(const Settings& settings, const std::string& problem = collision
 
 /// What reading or beginning a problem refuses.
 std::string refusal(const Settings& settings, const std::string& problem = collision) {
-  try {
-    static_cast<void>(make_lattice(parse_problem(problem, "walls.toml", settings)));
-  } catch (const ProblemError& error) {
-    return error.what();
-  }
-  return "";
+  return refusal_at_start(problem, "walls.toml", settings);
 }
 
 }  // namespace
