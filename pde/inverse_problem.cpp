@@ -474,7 +474,8 @@ private:
           dissipation, stated_.fields.front()));
     }
     throw std::invalid_argument(fmt::format(
-        "there is no Lagrangian of these fields, nor of a potential of one, nor with a factor exp(a t): {}{}",
+        "no Lagrangian was found: none of these fields, none of a potential of one of them, and none with a factor "
+        "exp(a t), which is tried for one equation with u_tt + a u_t: {}{}",
         culprit(), remedy()));
   }
   /// The term, or one of each of two equations, without which the rest has a density; rather not differentiated by t.
