@@ -48,6 +48,12 @@ Complex ComplexParts::operator()(Expression e) {
   const Expression first(&graph_, node.a), second(&graph_, node.b);
   const Complex a = (*this)(first), b = arguments == 2 ? (*this)(second) : Complex{first, std::nullopt};
   const bool is_real = !a.im && !b.im;
+  if (is_real && node.operation == Operation::power) {  // |ψ|^n is (p² + q²)^(n/2), of which there is an integral
+    if (const formula::Node base = graph_.node(a.re.index()); base.operation == Operation::sqrt) {
+      return parts_.emplace(e.index(), Complex{pow(Expression(&graph_, base.a), 0.5 * b.re), std::nullopt})
+          .first->second;
+    }
+  }
   Complex result =
       !is_real ? of(node.operation, a, b)
                : Complex{arguments == 2 ? graph_.make(node.operation, a.re, b.re) : graph_.make(node.operation, a.re),

@@ -716,3 +716,20 @@ TEST_CASE("a vector of fields begins from a list or from its parts") {
   CHECK_THAT(refusal_at_start(problem("r = [\"cos(x)\", 0.2]\nr1 = 0"), "t.toml"), Contains("r1"));
   CHECK_THAT(refusal_at_start(problem("r = [0]"), "t.toml"), Contains("t.toml:11:"));
 }
+
+TEST_CASE("powers of the modulus of psi are those of its square") {
+  const auto S = [](const std::string& term) {
+    return parse_problem("[field]\nequation = \"i*psi_t + psi_xx + " + term +
+                             "*psi = 0\"\n[parameters]\nsigma = 1.5\n[grid]\nx = { from = -5, to = 5, cells = 33 }\n"
+                             "[initial]\npsi = \"sech(x)\"\n[scheme]\nstep = 0.1\nuntil = 1\n",
+                         "psi.toml")
+        .multisymplectic()
+        ->density;
+  };
+  const std::string cubic = S("abs2(psi)^1.5");
+  for (const char* const term : {"abs(psi)^3", "|psi|^3", "abs(psi)^(2*sigma)", "|psi|^(2*sigma)", "abs2(psi)^sigma"}) {
+    INFO(term);
+    CHECK(S(term) == cubic);
+  }
+  CHECK(S("abs(psi)^2.5") != cubic);
+}
