@@ -282,6 +282,11 @@ private:
       add_equation(*text, equations.equations);
     }
     equations.derivatives = density_.derivatives;
+    if (!equations.derivatives.empty() &&
+        std::ranges::none_of(equations.derivatives, [](const auto& one) { return one.order[0] > 0; })) {
+      throw ProblemError(texts.front()->location,
+                         "no equation has a derivative by t, such as u_t: there is nothing to go on in time");
+    }
     density_ = density_of(equations);
     if (density_.damping != 0.0) {
       damped_ = equations.fields.front();

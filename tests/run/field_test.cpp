@@ -541,6 +541,7 @@ TEST_CASE("what a density or an equation lacks is said with its place") {
              Contains("p.toml:3:6: u_t is a derivative by t, and H has none"));
   CHECK_THAT(refusal("fields = [\"u\"]\nL = \"u_t^2/2 - a_x^2\"\n[parameters]\na = 1"),
              Contains("a_x is a derivative of the parameter a"));
+  CHECK_THAT(refusal("equation = \"u_xx = sin(u)\""), Contains("p.toml:2:13: no equation has a derivative by t"));
   CHECK_THAT(refusal("equation = \"i*u_t + u_xx = 0\""),
              Contains("i is the imaginary unit of a complex unknown") && Contains("called psi"));
   CHECK_THAT(refusal("fields = [\"u\", \"v\"]\nL = \"(u_t - v_x)^2/2\""), Contains("a gauge"));
