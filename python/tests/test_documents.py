@@ -90,6 +90,7 @@ class Documents(unittest.TestCase):
         names = {}
         exec(compile(block, "README.md", "exec"), names)
         self.assertLess(np.ptp(names["r"].energy), 1e-11)
+        self.assertEqual(names["w"].verdict, "good")
 
     @unittest.skipUnless(has_all(), "matplotlib, xarray or SciPy is not installed")
     def test_the_table_of_the_readme(self):
