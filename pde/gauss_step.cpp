@@ -503,36 +503,6 @@ void GaussStep::iterate_waves() {
   });
 }
 
-/// What rounding of N' at the stages placed last makes of each varying field: a field that is 0 but for that has no
-/// other size, and its corrections never shrink.
-void GaussStep::measure_noise() {
-  std::array<double, MultisymplecticSystem::most_fields> of_rest{};
-  std::array<const double*, MultisymplecticSystem::most_fields> in{};
-  const std::size_t n = F_.size();
-  for (int i = 0; i < m_; ++i) {
-    for (std::size_t f = 0; f < n; ++f) {
-      in[f] = std::as_const(point_).field(varying(static_cast<int>(f), i)).data();
-    }
-    rest_rounding_(grid_.size(), places_.after(std::span(in).first(n), inputs_), std::span(of_rest).first(n));
-  }
-  noise_.assign(n, 0.0);
-  for (int f = 0; f < static_cast<int>(n); ++f) {
-    double& sum = noise_[static_cast<std::size_t>(f)];
-    for (int i = 0; i < m_; ++i) {
-      double of_stage = 0.0;
-      for (int g = 0; g < static_cast<int>(n); ++g) {
-        for (int j = 0; j < m_; ++j) {
-          of_stage += transfer_.largest(varying(f, i), varying(g, j)) * of_rest[static_cast<std::size_t>(g)];
-        }
-      }
-      sum = std::max(sum, of_stage);
-    }
-    if (const grids::Slab* const slab = grids::Slab::of(grid_)) {
-      sum = slab->largest_over_ranks(sum);
-    }
-  }
-}
-
 /// The stages z + y_, and y_ - y_last_, what the stages before left of their equation, beside the increments.
 GaussStep::Correction GaussStep::place_stages(std::span<const double> largest) {
   const grids::ReductionBlocks pieces(grid_.size());

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/potential_rest.hpp>
 #include <rubato/pde/tuning.hpp>
@@ -144,6 +145,36 @@ void GaussStep::continue_stages(const grids::FieldSet& from, double ratio, bool 
   for (int f = 0; f < static_cast<int>(F_.size()); ++f) {
     mix(m_, m_, weights_.data(), from.pointers()[static_cast<std::size_t>(varying(f, 0))], grid_.size(),
         to.pointers()[static_cast<std::size_t>(varying(f, 0))]);
+  }
+}
+
+/// What rounding of N' at the stages placed last makes of each varying field: a field that is 0 but for that has no
+/// other size, and its corrections never shrink.
+void GaussStep::measure_noise() {
+  std::array<double, MultisymplecticSystem::most_fields> of_rest{};
+  std::array<const double*, MultisymplecticSystem::most_fields> in{};
+  const std::size_t n = F_.size();
+  for (int i = 0; i < m_; ++i) {
+    for (std::size_t f = 0; f < n; ++f) {
+      in[f] = std::as_const(point_).field(varying(static_cast<int>(f), i)).data();
+    }
+    rest_rounding_(grid_.size(), places_.after(std::span(in).first(n), inputs_), std::span(of_rest).first(n));
+  }
+  noise_.assign(n, 0.0);
+  for (int f = 0; f < static_cast<int>(n); ++f) {
+    double& sum = noise_[static_cast<std::size_t>(f)];
+    for (int i = 0; i < m_; ++i) {
+      double of_stage = 0.0;
+      for (int g = 0; g < static_cast<int>(n); ++g) {
+        for (int j = 0; j < m_; ++j) {
+          of_stage += transfer_.largest(varying(f, i), varying(g, j)) * of_rest[static_cast<std::size_t>(g)];
+        }
+      }
+      sum = std::max(sum, of_stage);
+    }
+    if (const grids::Slab* const slab = grids::Slab::of(grid_)) {
+      sum = slab->largest_over_ranks(sum);
+    }
   }
 }
 
