@@ -151,8 +151,7 @@ void JetFormulas::name_derivatives(const std::string& text, bool of_equation) {
     if (word == "i" && psi.empty() && of_equation) {
       throw std::invalid_argument(
           "i is the imaginary unit of a complex unknown, and that has to be called psi (or psi1, psi2, …): the "
-          "equation "
-          "has no derivative of it");
+          "equation has no derivative of it");
     }
     if (const auto found = derivative_named(word, density.fields)) {
       names_.insert(word);
