@@ -34,6 +34,7 @@ class MomentumProjection {
 public:
   MomentumProjection(const Lagrangian& lagrangian, Index constraints)
       : evaluator_(lagrangian),
+        curvature_(lagrangian.constraints()),
         n_(static_cast<Index>(lagrangian.degrees_of_freedom())),
         solver_(static_cast<int>(n_ + constraints)) {
     point_.setZero(2 * n_);
@@ -42,6 +43,7 @@ public:
     nu_.setZero(constraints);
     unknown_.setZero(n_ + constraints);
     matrix_.setZero(n_ + constraints, n_ + constraints);
+    block_.setZero(n_, n_);
   }
 
   /// \param p in, its projection out \param velocity in: near q̇
@@ -52,16 +54,12 @@ public:
     nu_.setZero();
     double last = std::numeric_limits<double>::infinity();
     for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
-      evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
+      if (factor(G) != Status::success) {
+        return Status::undefined;
+      }
       unknown_.head(n_) = p - gradient_.tail(n_);
       unknown_.head(n_).noalias() += G.transpose() * nu_;
       unknown_.tail(nu_.size()).noalias() = -G * point_.tail(n_);
-      matrix_.topLeftCorner(n_, n_) = hessian_.bottomRightCorner(n_, n_);
-      matrix_.topRightCorner(n_, nu_.size()) = -G.transpose();
-      matrix_.bottomLeftCorner(nu_.size(), n_) = G;
-      if (solver_.factor(matrix_.data()) != Status::success) {
-        return Status::undefined;
-      }
       solver_.solve(unknown_.data());
       point_.tail(n_) += unknown_.head(n_);
       nu_ += unknown_.tail(nu_.size());
@@ -81,12 +79,60 @@ public:
     return Status::not_converged;
   }
 
+  /// Its derivatives at the q and q̇ that it ended with, or of no projection at those given.
+  ///@{
+  void stand_at(const VectorXd& q, const VectorXd& velocity) {
+    point_ << q, velocity;
+    nu_.setZero();
+  }
+  /// δp in, that of the projection out.
+  [[nodiscard]] Status vary(const ConstraintEvaluator& at, Eigen::Ref<MatrixXd> columns) {
+    if (const Status status = factor(at.G()); status != Status::success) {
+      return status;
+    }
+    block_.setZero();
+    curvature_.add_to(point_.data(), nu_, block_);
+    const MatrixXd& by_q = curvature_.of_rates(point_.data(), point_.data() + n_);
+    for (auto column : columns.colwise()) {
+      auto q = column.head(n_), p = column.tail(n_);
+      p += block_.lazyProduct(q);
+      unknown_.head(n_) = p - hessian_.bottomLeftCorner(n_, n_).lazyProduct(q);
+      unknown_.tail(nu_.size()) = -by_q.lazyProduct(q);
+      solver_.solve(unknown_.data());
+      p += at.G().transpose().lazyProduct(unknown_.tail(nu_.size()));
+    }
+    return columns.allFinite() ? Status::success : Status::undefined;
+  }
+  /// δq less what is not along the constraints, in units of ∂²L/∂q̇².
+  [[nodiscard]] Status project(const ConstraintEvaluator& at, Eigen::Ref<MatrixXd> columns) {
+    if (const Status status = factor(at.G()); status != Status::success) {
+      return status;
+    }
+    for (auto column : columns.colwise()) {
+      unknown_.head(n_).setZero();
+      unknown_.tail(nu_.size()) = at.G().lazyProduct(column.head(n_));
+      solver_.solve(unknown_.data());
+      column.head(n_) -= unknown_.head(n_);
+    }
+    return vary(at, columns);
+  }
+  ///@}
+
 private:
+  [[nodiscard]] Status factor(const MatrixXd& G) {
+    evaluator_.hessian(point_.data(), gradient_.data(), hessian_.data());
+    matrix_.topLeftCorner(n_, n_) = hessian_.bottomRightCorner(n_, n_);
+    matrix_.topRightCorner(n_, nu_.size()) = -G.transpose();
+    matrix_.bottomLeftCorner(nu_.size(), n_) = G;
+    return solver_.factor(matrix_.data());
+  }
+
   LagrangianEvaluator evaluator_;
+  ConstraintCurvature curvature_;
   Index n_;
   solve::DenseSolver solver_;
   VectorXd point_, gradient_, nu_, unknown_;
-  MatrixXd hessian_, matrix_;
+  MatrixXd hessian_, matrix_, block_;
 };
 
 class ConstrainedLagrangian final : public PolynomialScheme {
@@ -98,7 +144,7 @@ public:
         q_names_(lagrangian.q_names()),
         constraints_(lagrangian.constraints()),
         at_(constraints_),
-        second_(constraints_.second_code()),
+        curvature_(constraints_),
         project_(lagrangian, static_cast<Index>(constraints_.count())),
         c_(static_cast<Index>(constraints_.count())),
         solver_(static_cast<int>((n_ + c_) * d_)) {
@@ -111,7 +157,14 @@ public:
     for (VectorXd* vector : {&node_, &kick_, &seed_at_end_}) {
       vector->setZero(n_);
     }
-    inputs_.setZero(n_ + c_);
+    first_curvature_.setZero(n_, n_);
+    curvatures_.setZero(n_, n_ * d_);
+    for (VectorXd* vector : {&point_change_, &gradient_change_}) {
+      vector->setZero(2 * n_);
+    }
+    for (MatrixXd* matrix : {&Y_change_, &rows_}) {
+      matrix->setZero(n_, d_);
+    }
   }
 
   [[nodiscard]] bool has_node_law() const override { return false; }
@@ -138,7 +191,36 @@ public:
     return status == Status::success ? finish(h) : status;
   }
 
-  [[nodiscard]] Status tangent(std::span<double>) override { return Status::undefined; }
+  /// By the derivatives of what finish() makes of the solution of assemble()'s equations.
+  [[nodiscard]] Status tangent(std::span<double> columns) override { return linearise(columns, {}); }
+  [[nodiscard]] Status linearise(std::span<double> columns, std::span<double> energies) override {
+    const double h = trial_h_;
+    first_curvature_.setZero();
+    node_ = z_.value().head(n_);
+    at_.evaluate(node_.data());
+    first_G_ = at_.G();
+    curvature_.add_to(node_.data(), x_.mu.col(0), first_curvature_);
+    if (!action_.evaluate(z_, x_.Y, h) || !assemble(h)) {
+      return Status::undefined;
+    }
+    if (const Status status = solver_.factor(matrix_.data()); status != Status::success) {
+      return status;
+    }
+    Eigen::Map<MatrixXd> all(columns.data(), 2 * n_, static_cast<Index>(columns.size()) / (2 * n_));
+    for (Index i = 0; i < all.cols(); ++i) {
+      const bool by_h = !energies.empty() && i + 1 == all.cols();
+      vary_step(all.col(i), h, by_h ? 1.0 : 0.0, energies.empty() ? nullptr : &energies[static_cast<std::size_t>(i)]);
+    }
+    return project_.vary(at_, all);  // at_ and project_ are at the end
+  }
+  [[nodiscard]] Status project_variations(std::span<double> columns) override {
+    node_ = z_.value().head(n_);
+    at_.evaluate(node_.data());
+    static_cast<void>(node());
+    project_.stand_at(node_, velocity_);
+    return project_.project(
+        at_, Eigen::Map<MatrixXd>(columns.data(), 2 * n_, static_cast<Index>(columns.size()) / (2 * n_)));
+  }
 
   void accept() override {
     usual_ = usual_.cwiseMax(delta_.head(n_).cwiseAbs());
@@ -219,17 +301,57 @@ private:
   }
   /// ∂²(μᵀg)/∂q∂q at the control point of Y.col(i).
   void add_curvature(Index i) {
-    inputs_ << node_, x_.mu.col(i + 1);
-    const double* entry = second_.at(inputs_.data());
-    auto block = matrix_.block((i + 1) * n_, i * n_, n_, n_);
-    for (const auto [row, column] : constraints_.second_places()) {
-      const auto a = static_cast<Index>(row), b = static_cast<Index>(column);
-      block(a, b) += *entry;
-      if (a != b) {
-        block(b, a) += *entry;
+    auto block = curvatures_.middleCols(i * n_, n_);
+    block.setZero();
+    curvature_.add_to(node_.data(), x_.mu.col(i + 1), block);
+    matrix_.block((i + 1) * n_, i * n_, n_, n_) += block;
+  }
+
+  /// A variation through the step, before its projection; of h, too, which changes by `change`.
+  void vary_step(Eigen::Ref<VectorXd> column, double h, double change, double* energy) {
+    const ActionQuadrature& of = action_.quadrature;
+    const auto q = column.head(n_);
+    auto p = column.tail(n_);
+    const auto curvature = [this](Index i) { return curvatures_.middleCols(i * n_, n_); };
+    const auto G = [this](Index i) { return matrix_.block(n_ * d_ + i * c_, i * n_, c_, n_); };
+    p += first_curvature_.lazyProduct(q);
+    Y_change_.setZero();
+    rows_.setZero();
+    rows_.col(0) = p;
+    for (Index j = 0; j < action_.values.size(); ++j) {
+      action_.vary(j, h, q, Y_change_, change, point_change_, gradient_change_);
+      for (Index row = 0; row < d_; ++row) {
+        const double value = of.values(j, row), rate = of.rates(j, row);
+        rows_.col(row) += of.weights[j] * (h * value * gradient_change_.head(n_) + rate * gradient_change_.tail(n_) +
+                                           change * value * action_.gradients.col(j).head(n_));
       }
-      ++entry;
     }
+    for (Index i = 0; i < d_; ++i) {
+      unknown_.segment(n_ * d_ + i * c_, c_) = G(i).lazyProduct(q);
+      if (i + 1 < d_) {
+        rows_.col(i + 1) += curvature(i).lazyProduct(q);
+      }
+    }
+    unknown_.head(n_ * d_) = rows_.reshaped();
+    solver_.solve(unknown_.data());
+    Y_change_ = -unknown_.head(n_ * d_).reshaped(n_, d_);
+    p -= first_G_.transpose().lazyProduct(unknown_.segment(n_ * d_, c_));
+    for (Index i = 0; i + 1 < d_; ++i) {
+      p -= G(i).transpose().lazyProduct(unknown_.segment(n_ * d_ + (i + 1) * c_, c_));
+      p += curvature(i).lazyProduct(q + Y_change_.col(i));
+    }
+    double sum = 0.0;
+    for (Index j = 0; j < action_.values.size(); ++j) {
+      action_.vary(j, h, q, Y_change_, change, point_change_, gradient_change_);
+      const auto gradient = action_.gradients.col(j);
+      p += of.weights[j] * (h * gradient_change_.head(n_) + change * gradient.head(n_));
+      sum += of.weights[j] * (action_.points.col(j).tail(n_).dot(gradient_change_.tail(n_)) -
+                              gradient.head(n_).dot(point_change_.head(n_)));
+    }
+    if (energy != nullptr) {
+      *energy = sum;
+    }
+    column.head(n_) += Y_change_.col(d_ - 1);
   }
 
   /// Corrections of Y relative to the largest increment.
@@ -279,13 +401,16 @@ private:
   std::vector<std::string> q_names_;
   Constraints constraints_;
   ConstraintEvaluator at_;
-  formula::ScalarEvaluator second_;
+  ConstraintCurvature curvature_;
   MomentumProjection project_;
   Index c_;
   solve::DenseSolver solver_;
   VectorXd seed_at_end_;  ///< velocities that those at the end are found from
   MatrixXd first_G_, residual_, matrix_;
-  VectorXd unknown_, delta_, end_, node_, kick_, inputs_;
+  VectorXd unknown_, delta_, end_, node_, kick_;
+  VectorXd point_change_, gradient_change_;  ///< of variations
+  MatrixXd Y_change_, rows_, first_curvature_,
+      curvatures_;  ///< curvatures_: at the ends of all columns of Y but the last
   std::string dependent_;
 };
 

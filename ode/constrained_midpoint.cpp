@@ -102,6 +102,45 @@ private:
     return Status::not_converged;
   }
 
+  /// By the matrix of Newton's method: of (q_k, p⁺) a variation moves the middle along, and of δμ as its last column.
+  [[nodiscard]] Status vary_step(Columns columns, double h, std::span<double> energies) override {
+    at_end_ = z_.value();
+    at_.evaluate(at_end_.data());
+    first_entries_ = at_.entries();
+    first_G_ = at_.G();
+    mu_ = unknowns_.tail(c_);
+    vary_gradients(at_end_.data(), mu_, columns);
+    middle_ = z_.low() + 0.5 * unknowns_.head(2 * n_);
+    at_.kick(first_entries_, mu_, middle_.data() + n_);
+    middle_ += z_.value();
+    at_end_.head(n_) = z_.value().head(n_) + (z_.low().head(n_) + unknowns_.head(n_));
+    at_.evaluate(at_end_.data());
+    assemble_matrix(h);
+    if (const Status status = solver_.factor(matrix_.data()); status != Status::success) {
+      return status;
+    }
+    for (Index i = 0; i < columns.cols(); ++i) {
+      auto column = columns.col(i);
+      const bool by_h = !energies.empty() && i + 1 == columns.cols();
+      correction_.head(n_) = h * hessian_.bottomRows(n_).lazyProduct(column);
+      correction_.segment(n_, n_) = -h * hessian_.topRows(n_).lazyProduct(column);
+      correction_.tail(c_) = -at_.G().lazyProduct(column.head(n_));
+      if (by_h) {
+        correction_.head(n_) += gradient_.tail(n_);
+        correction_.segment(n_, n_) -= gradient_.head(n_);
+      }
+      solver_.solve(correction_.data());
+      rates_ = correction_.tail(c_);
+      at_.kick(first_entries_, rates_, column.data() + n_);
+      if (!energies.empty()) {
+        energies[static_cast<std::size_t>(i)] = gradient_.dot(column + 0.5 * correction_.head(2 * n_));
+      }
+      column += correction_.head(2 * n_);
+    }
+    at_end_.tail(n_) = middle_.tail(n_) + 0.5 * unknowns_.segment(n_, n_);
+    return Status::success;
+  }
+
   /// The largest of the coordinates (from 0) or momenta (from n).
   template <class Vector>
   [[nodiscard]] double largest_in(Index from, const Vector& z) const {

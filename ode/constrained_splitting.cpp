@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -11,6 +13,7 @@
 
 #include <rubato/ode/constrained_state.hpp>
 #include <rubato/ode/separable.hpp>
+#include <rubato/ode/splitting_tangent.hpp>
 #include <rubato/ode/tuning.hpp>
 
 namespace rubato {
@@ -38,13 +41,12 @@ public:
                          std::ranges::count_if(composition.parts, &Composition::Part::drift) *
                              static_cast<Index>(hamiltonian.constraints().count()),
                          z_0),
-        composition_(composition) {
+        composition_(composition),
+        graph_(hamiltonian.graph()),
+        T_(halves.T, std::span(hamiltonian.variables()).last(static_cast<std::size_t>(n_))),
+        V_(halves.V, std::span(hamiltonian.variables()).first(static_cast<std::size_t>(n_))),
+        potential_(V_.code) {
     rounding_magnitude_ = composition.magnitude();
-    const std::span<const formula::Expression> q =
-        std::span(hamiltonian.variables()).first(static_cast<std::size_t>(n_));
-    std::vector<formula::Expression> outputs = {halves.V};
-    std::ranges::copy(formula::gradient(halves.V, q), std::back_inserter(outputs));
-    V_ = formula::ScalarEvaluator(formula::Bytecode(outputs, q));
     for (ConstrainedNode* node : {&here_, &there_, &node_}) {
       node->q.setZero(n_);
       node->force.setZero(n_);
@@ -97,7 +99,7 @@ private:
   }
 
   void evaluate_potential(ConstrainedNode& node) {
-    const double* const outputs = V_.at(node.q.data());
+    const double* const outputs = potential_.at(node.q.data());
     node.V = outputs[0];
     std::copy_n(outputs + 1, n_, node.force.data());
   }
@@ -143,8 +145,78 @@ private:
     return Status::not_converged;
   }
 
+  /// A kick is -G_0ᵀδμ, and δμ what leads the drift after it to G δq = 0.
+  [[nodiscard]] Status vary_step(Columns columns, double h, std::span<double> energies) override {
+    if (!halves_) {
+      halves_.emplace(Halves{.T = SplittingHalfTangent(T_), .V = SplittingHalfTangent(V_)});
+    }
+    auto& [T, V] = *halves_;
+    const Index k = columns.cols(), by_h = energies.empty() ? k : k - 1;  // by_h: the column that h moves
+    const auto size = static_cast<std::size_t>(n_);
+    const auto add_energies = [&](double length, const SplittingHalfTangent& half, Index from) {
+      const Eigen::Map<const VectorXd> gradient(half.gradient().data(), n_);
+      for (std::size_t i = 0; i < energies.size(); ++i) {
+        energies[i] += length * gradient.dot(columns.col(static_cast<Index>(i)).segment(from, n_));
+      }
+    };
+    std::ranges::fill(energies, 0.0);
+    at_end_ = z_.value() + z_.low();
+    at_.evaluate(at_end_.data());
+    Index drift = 0;
+    for (const Composition::Part& part : composition_.parts) {
+      if (!part.drift) {
+        V.evaluate({at_end_.data(), size});
+        const Eigen::Map<const VectorXd> gradient(V.gradient().data(), n_);
+        add_energies(part.length, V, 0);
+        for (Index i = 0; i < k; ++i) {
+          V.shear(-part.length * h, columns.col(i).data(), columns.col(i).data() + n_);
+        }
+        if (by_h < k) {
+          columns.col(by_h).tail(n_) -= part.length * gradient;
+        }
+        at_end_.tail(n_) -= part.length * h * gradient;
+        continue;
+      }
+      const double length = part.length * h;
+      node_.entries = at_.entries();
+      mu_ = unknowns_.segment(c_ * drift++, c_);
+      vary_gradients(at_end_.data(), mu_, columns);
+      at_.kick(node_.entries, mu_, at_end_.data() + n_);
+      T.evaluate({at_end_.data() + n_, size});
+      const Eigen::Map<const VectorXd> velocity(T.gradient().data(), n_);
+      for (Index i = 0; i < k; ++i) {
+        T.shear(length, columns.col(i).data() + n_, columns.col(i).data());
+      }
+      if (by_h < k) {
+        columns.col(by_h).head(n_) += part.length * velocity;
+      }
+      at_end_.head(n_) += length * velocity;
+      at_.evaluate(at_end_.data());
+      if (const Status status = factor(length, node_.entries); status != Status::success) {
+        return status;
+      }
+      for (Index i = 0; i < k; ++i) {
+        rates_.noalias() = at_.G().lazyProduct(columns.col(i).head(n_));
+        multiplier_solver_.solve(rates_.data());
+        begun_.setZero();
+        at_.kick(node_.entries, rates_, begun_.data() + n_);
+        T.shear(length, begun_.data() + n_, columns.col(i).data());
+        columns.col(i).tail(n_) += begun_.tail(n_);
+      }
+      add_energies(part.length, T, n_);
+    }
+    return Status::success;
+  }
+
+  struct Halves {
+    SplittingHalfTangent T, V;
+  };
+
   const Composition& composition_;
-  formula::ScalarEvaluator V_;
+  std::shared_ptr<const formula::Graph> graph_;  ///< of the formulas of T and V
+  SplittingHalf T_, V_;
+  formula::ScalarEvaluator potential_;
+  std::optional<Halves> halves_;  ///< where tangents are asked for
   ConstrainedNode here_, there_, node_;
   VectorXd mu_, begun_;
 };

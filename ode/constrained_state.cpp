@@ -12,6 +12,7 @@ namespace rubato {
 using namespace tuning::constraints;
 
 using Eigen::Index;
+using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 KineticDerivatives::KineticDerivatives(formula::Expression T, std::span<const formula::Expression> variables,
@@ -72,6 +73,7 @@ ConstrainedState::ConstrainedState(const Hamiltonian& hamiltonian, formula::Expr
   at_end_.setZero(2 * n_);
   errors_.setZero(2 * n_);
   rates_.setZero(c_);
+  nu_.setZero(c_);
   matrix_.setZero(c_, c_);
 }
 
@@ -180,6 +182,7 @@ void ConstrainedState::check_start(std::span<const std::string> p_names) {
 
 /// p -= Gᵀν with G H_p = 0 at the end of the step.
 Status ConstrainedState::project() {
+  nu_.setZero();
   double last = std::numeric_limits<double>::infinity();
   displace(0, n_);
   for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
@@ -201,6 +204,7 @@ Status ConstrainedState::project() {
     }
     last = left.relative;
     multiplier_solver_.solve(rates_.data());
+    nu_ += rates_;
     at_.kick(at_.entries(), rates_, delta_.data() + n_);
   }
   return Status::not_converged;
@@ -214,6 +218,69 @@ Status ConstrainedState::factor(double length, const VectorXd& entries_0) {
   }
   dependent_ = at_.dependent();
   return Status::undefined;
+}
+
+ConstrainedState::Second& ConstrainedState::second() {
+  if (!second_) {
+    second_.emplace(Second{.curvature = ConstraintCurvature(constraints_),
+                           .gradient = VectorXd(2 * n_),
+                           .hessian = MatrixXd(2 * n_, 2 * n_),
+                           .block = MatrixXd(n_, n_)});
+  }
+  return *second_;
+}
+
+void ConstrainedState::vary_gradients(const double* q, const Eigen::Ref<const VectorXd>& mu, Columns columns) {
+  MatrixXd& block = second().block;
+  block.setZero();
+  second().curvature.add_to(q, mu, block);
+  columns.bottomRows(n_) -= block.lazyProduct(columns.topRows(n_));
+}
+
+Status ConstrainedState::vary(std::span<double> columns, std::span<double> energies) {
+  Columns all(columns.data(), 2 * n_, static_cast<Index>(columns.size()) / (2 * n_));
+  if (const Status status = vary_step(all, trial_h_, energies); status != Status::success) {
+    return status;
+  }
+  return vary_projection(nu_, all);
+}
+
+Status ConstrainedState::vary_projection(const VectorXd& nu, Columns columns) {
+  vary_gradients(at_end_.data(), nu, columns);
+  at_.kick(at_.entries(), nu, at_end_.data() + n_);
+  if (const Status status = factor(1.0, at_.entries()); status != Status::success) {
+    return status;
+  }
+  Second& at = second();
+  static_cast<void>(evaluator_.hessian(at_end_.data(), at.gradient.data(), at.hessian.data()));
+  const MatrixXd& by_q = at.curvature.of_rates(at_end_.data(), at.gradient.data() + n_);
+  for (auto column : columns.colwise()) {
+    errors_.head(n_).noalias() = at.hessian.bottomRows(n_).lazyProduct(column);  // of H_p
+    rates_.noalias() = at_.G().lazyProduct(errors_.head(n_));
+    rates_ += by_q.lazyProduct(column.head(n_));
+    multiplier_solver_.solve(rates_.data());
+    at_.kick(at_.entries(), rates_, column.data() + n_);
+  }
+  return columns.allFinite() ? Status::success : Status::undefined;
+}
+
+Status ConstrainedState::project_variations(std::span<double> columns) {
+  at_end_ = z_.value();
+  at_.evaluate(at_end_.data());
+  if (const Status status = factor(1.0, at_.entries()); status != Status::success) {
+    return status;
+  }
+  Second& at = second();
+  static_cast<void>(evaluator_.hessian(at_end_.data(), at.gradient.data(), at.hessian.data()));
+  Columns all(columns.data(), 2 * n_, static_cast<Index>(columns.size()) / (2 * n_));
+  for (auto column : all.colwise()) {
+    rates_.noalias() = at_.G().lazyProduct(column.head(n_));
+    multiplier_solver_.solve(rates_.data());
+    errors_.tail(n_).noalias() = at_.G().transpose().lazyProduct(rates_);
+    column.head(n_) -= at.hessian.bottomRightCorner(n_, n_).lazyProduct(errors_.tail(n_));
+  }
+  nu_.setZero();
+  return vary_projection(nu_, all);
 }
 
 }  // namespace rubato

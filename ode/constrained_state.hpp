@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -45,7 +46,14 @@ public:
   [[nodiscard]] bool has_node_law() const override { return false; }
   [[nodiscard]] bool solves_fully() const override { return true; }
   [[nodiscard]] Status advance(double h, double accuracy) final;
-  [[nodiscard]] Status tangent(std::span<double>) override { return Status::undefined; }
+  /// Of the variations of constrained states it is the derivative of the step; of others that of the step's equations,
+  /// which lead to the constraints from wherever it begins.
+  [[nodiscard]] Status tangent(std::span<double> columns) final { return vary(columns, {}); }
+  [[nodiscard]] Status linearise(std::span<double> columns, std::span<double> energies) final {
+    return vary(columns, energies);
+  }
+  /// Along H_pp Gᵀ and Gᵀ, so that it does not depend on units.
+  [[nodiscard]] Status project_variations(std::span<double> columns) override;
   [[nodiscard]] double discrete_energy() const override { return energy_; }
   [[nodiscard]] double discrete_energy_slope() const override { return slope_by_nodes(energy_, trial_h_); }
   [[nodiscard]] bool slope_costs_more() const override { return true; }
@@ -65,6 +73,7 @@ public:
 
 protected:
   using Index = Eigen::Index;
+  using Columns = Eigen::Map<Eigen::MatrixXd>;  ///< variations (δq, δp)
 
   /// \param T as KineticDerivatives \param unknowns of a step, about proportional to its length
   ConstrainedState(const Hamiltonian& hamiltonian, formula::Expression T, Index unknowns, std::span<const double> z_0);
@@ -72,6 +81,10 @@ protected:
   /// A trial step from unknowns_, which it improves; fills in δ, but for the projection, and the discrete energy, and
   /// leaves the constraints evaluated at its end.
   [[nodiscard]] virtual Status step(double h) = 0;
+  /// The derivatives of step(), of columns as for linearise(), or for tangent() with no energies. It takes the step
+  /// once more with the multipliers known, ends with the constraints evaluated at its end and with at_end_ there, p
+  /// before the projection.
+  [[nodiscard]] virtual Status vary_step(Columns columns, double h, std::span<double> energies) = 0;
   /// Unknowns to begin with where nothing is known of other steps.
   virtual void start_on_tangent(double h) = 0;
   /// Where what begins at this level is not known.
@@ -85,6 +98,8 @@ protected:
   }
   /// Factors length·G H_pp G_0ᵀ at at_end_. \return Status::undefined where constraints depend on each other
   [[nodiscard]] Status factor(double length, const Eigen::VectorXd& entries_0);
+  /// δp -= ∂²(μᵀg)/∂q∂q δq at q, the part of a kick Gᵀμ that G has.
+  void vary_gradients(const double* q, const Eigen::Ref<const Eigen::VectorXd>& mu, Columns columns);
 
   Constraints constraints_;
   Index n_, c_;
@@ -99,6 +114,17 @@ protected:
   std::string dependent_;  ///< the constraint that made the trial fail
 
 private:
+  /// Where tangents are asked for.
+  struct Second {
+    ConstraintCurvature curvature;
+    Eigen::VectorXd gradient;
+    Eigen::MatrixXd hessian, block;
+  };
+
+  [[nodiscard]] Second& second();
+  [[nodiscard]] Status vary(std::span<double> columns, std::span<double> energies);
+  /// Derivatives of p -= Gᵀν with G H_p = 0, ν known, at at_end_, where the constraints are evaluated.
+  [[nodiscard]] Status vary_projection(const Eigen::VectorXd& nu, Columns columns);
   [[nodiscard]] NodeEnergy node_at(const Eigen::VectorXd& z) override;
   void start_level();
   [[nodiscard]] bool continue_from_before(double h);
@@ -108,7 +134,8 @@ private:
   formula::SumSizeEvaluator energy_size_;
   VelocityHistory<Eigen::VectorXd> history_;  ///< of unknowns_
   Eigen::MatrixXd matrix_;
-  Eigen::VectorXd errors_;
+  Eigen::VectorXd errors_, nu_;  ///< nu_: multipliers of the projection
+  std::optional<Second> second_;
   double trial_h_ = 0.0, last_h_ = 0.0;  ///< 0 where there is no trial, or no step
 };
 

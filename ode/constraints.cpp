@@ -24,6 +24,14 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+namespace {
+
+bool vanishes(formula::Expression value) {
+  return value.is_constant() && value.constant_value() == 0.0;
+}
+
+}  // namespace
+
 Constraints::Constraints(const std::vector<std::string>& q,
                          const std::vector<std::pair<std::string, std::string>>& formulas,
                          const std::map<std::string, double>& parameters) {
@@ -70,7 +78,7 @@ Constraints::Constraints(std::shared_ptr<formula::Graph> graph, std::span<const 
   for (std::size_t i = 0; i < values.size(); ++i) {
     const std::vector<formula::Expression> row = formula::gradient(values[i], q);
     for (std::size_t a = 0; a < q.size(); ++a) {
-      if (!row[a].is_constant() || row[a].constant_value() != 0.0) {
+      if (!vanishes(row[a])) {
         outputs.push_back(row[a]);
         stated->places.push_back({i, a});
       }
@@ -85,7 +93,30 @@ Constraints::Constraints(std::shared_ptr<formula::Graph> graph, std::span<const 
     stated->second_places.push_back({entry.row, entry.column});
   }
   stated->second = formula::Bytecode(second, inputs);
+  inputs.resize(q.size());
+  for (std::size_t a = 0; a < q.size(); ++a) {
+    inputs.push_back(graph->variable(fmt::format("velocity {}", a)));
+  }
+  const auto velocities = std::span<const formula::Expression>(inputs).last(q.size());
+  std::vector<formula::Expression> rates;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    formula::Expression rate = graph->constant(0.0);
+    const std::vector<formula::Expression> row = formula::gradient(values[i], q);
+    for (std::size_t a = 0; a < q.size(); ++a) {
+      rate = rate + row[a] * velocities[a];
+    }
+    const std::vector<formula::Expression> derivatives = formula::gradient(rate, q);
+    for (std::size_t a = 0; a < q.size(); ++a) {
+      if (!vanishes(derivatives[a])) {
+        rates.push_back(derivatives[a]);
+        stated->rate_places.push_back({i, a});
+      }
+    }
+  }
+  stated->rate = formula::Bytecode(rates, inputs);
   stated->graph = std::move(graph);
+  stated->variables.assign(q.begin(), q.end());
+  stated->values.assign(values.begin(), values.end());
   stated->names = std::move(names);
   stated_ = std::move(stated);
 }
@@ -154,6 +185,39 @@ ConstraintEvaluator::Left ConstraintEvaluator::left_of(const VectorXd& values, c
   return left;
 }
 
+ConstraintCurvature::ConstraintCurvature(const Constraints& constraints)
+    : constraints_(constraints), second_(constraints.second_code()), rate_(constraints.rate_code()) {
+  const auto n = static_cast<Index>(constraints.code().input_count());
+  inputs_.setZero(2 * n);
+  rates_.setZero(static_cast<Index>(constraints.count()), n);
+}
+
+void ConstraintCurvature::add_to(const double* q, const Eigen::Ref<const VectorXd>& mu, Eigen::Ref<MatrixXd> block) {
+  const Index n = rates_.cols();
+  std::copy_n(q, n, inputs_.data());
+  inputs_.segment(n, mu.size()) = mu;
+  const double* entry = second_.at(inputs_.data());
+  for (const auto [row, column] : constraints_.second_places()) {
+    const auto a = static_cast<Index>(row), b = static_cast<Index>(column);
+    block(a, b) += *entry;
+    if (a != b) {
+      block(b, a) += *entry;
+    }
+    ++entry;
+  }
+}
+
+const MatrixXd& ConstraintCurvature::of_rates(const double* q, const double* v) {
+  const Index n = rates_.cols();
+  std::copy_n(q, n, inputs_.data());
+  std::copy_n(v, n, inputs_.data() + n);
+  const double* entry = rate_.at(inputs_.data());
+  for (const auto [row, column] : constraints_.rate_places()) {
+    rates_(static_cast<Index>(row), static_cast<Index>(column)) = *entry++;
+  }
+  return rates_;
+}
+
 std::string ConstraintEvaluator::dependent() const {
   MatrixXd scaled = G_.transpose();
   for (Index i = 0; i < scaled.cols(); ++i) {
@@ -181,6 +245,18 @@ std::string listed(std::span<const std::string> names, const VectorXd& values) {
   return fmt::format("{}", fmt::join(parts, ", "));
 }
 
+bool approach_constraints(ConstraintEvaluator& at, VectorXd& q) {
+  at.evaluate(q.data());
+  for (int iteration = 0; iteration < most_multiplier_iterations && at.is_finite(); ++iteration) {
+    if (at.left(q.data()).in_roundings <= roundings_of_start) {
+      return true;
+    }
+    q -= solve::least_squares(at.G(), at.g());
+    at.evaluate(q.data());
+  }
+  return false;
+}
+
 void check_constraints(const Constraints& constraints, std::span<const std::string> q_names,
                        std::span<const double> q) {
   ConstraintEvaluator at(constraints);
@@ -202,13 +278,8 @@ void check_constraints(const Constraints& constraints, std::span<const std::stri
   }
   const std::string values = listed(constraints.names(), at.g());
   std::string remedy = "start where they are 0";
-  for (int iteration = 0; iteration < most_multiplier_iterations && at.is_finite(); ++iteration) {
-    if (at.left(point.data()).in_roundings <= roundings_of_start) {
-      remedy = fmt::format("start from {}, which is near", listed(q_names, point));
-      break;
-    }
-    point -= solve::least_squares(at.G(), at.g());
-    at.evaluate(point.data());
+  if (approach_constraints(at, point)) {
+    remedy = fmt::format("start from {}, which is near", listed(q_names, point));
   }
   throw std::invalid_argument(fmt::format("the start does not satisfy the constraints: {}; {}", values, remedy));
 }

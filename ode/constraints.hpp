@@ -36,6 +36,12 @@ public:
   [[nodiscard]] bool none() const { return count() == 0; }
   [[nodiscard]] const std::vector<std::string>& names() const { return stated_->names; }
 
+  /// g as expressions of a graph in its variables q.
+  ///@{
+  [[nodiscard]] std::span<const formula::Expression> variables() const { return stated_->variables; }
+  [[nodiscard]] std::span<const formula::Expression> values() const { return stated_->values; }
+  ///@}
+
   /// An entry of a matrix that does not vanish identically.
   struct Place {
     std::size_t row, column;
@@ -46,13 +52,17 @@ public:
   /// Of q, then μ: the upper triangle of ∂²(μᵀg)/∂q∂q at second_places().
   [[nodiscard]] const formula::Bytecode& second_code() const { return stated_->second; }
   [[nodiscard]] const std::vector<Place>& second_places() const { return stated_->second_places; }
+  /// Of q, then v: ∂(G v)/∂q at rate_places().
+  [[nodiscard]] const formula::Bytecode& rate_code() const { return stated_->rate; }
+  [[nodiscard]] const std::vector<Place>& rate_places() const { return stated_->rate_places; }
 
 private:
   struct Stated {
     std::shared_ptr<formula::Graph> graph;
     std::vector<std::string> names;
-    formula::Bytecode code, second;
-    std::vector<Place> places, second_places;
+    std::vector<formula::Expression> variables, values;
+    formula::Bytecode code, second, rate;
+    std::vector<Place> places, second_places, rate_places;
   };
 
   std::shared_ptr<const Stated> stated_;
@@ -100,6 +110,25 @@ private:
   std::vector<std::size_t> ends_;  ///< of each row, in places()
 };
 
+/// Second derivatives of constraints at one point. Holds work space: one per thread. No allocation after construction.
+class ConstraintCurvature {
+public:
+  explicit ConstraintCurvature(const Constraints& constraints);
+
+  /// block += ∂²(μᵀg)/∂q∂q at q.
+  void add_to(const double* q, const Eigen::Ref<const Eigen::VectorXd>& mu, Eigen::Ref<Eigen::MatrixXd> block);
+  /// ∂(G v)/∂q at q, a row for each constraint.
+  [[nodiscard]] const Eigen::MatrixXd& of_rates(const double* q, const double* v);
+
+private:
+  Constraints constraints_;
+  formula::ScalarEvaluator second_, rate_;
+  Eigen::VectorXd inputs_;  ///< q, then μ or v
+  Eigen::MatrixXd rates_;
+};
+
+/// Moves q along G, by Newton's method, to where g = 0 to rounding, and leaves `at` there. \return false if that fails
+[[nodiscard]] bool approach_constraints(ConstraintEvaluator& at, Eigen::VectorXd& q);
 /// Requires initial data that satisfy g(q) = 0 to rounding, with independent gradients. \throws std::invalid_argument
 /// with the sizes, and the nearest q that satisfies them (Newton's method along G) as the remedy
 void check_constraints(const Constraints& constraints, std::span<const std::string> q_names, std::span<const double> q);

@@ -87,8 +87,8 @@ MatrixXd projection(const MatrixXd& A, double kept, std::span<const double> plac
 
 EndConditions::EndConditions(std::shared_ptr<formula::Graph> graph, std::vector<Expression> variables,
                              std::vector<Expression> values, std::vector<std::string> texts)
-    : graph_(std::move(graph)), variables_(std::move(variables)), texts_(std::move(texts)) {
-  compile(values);
+    : graph_(std::move(graph)), variables_(std::move(variables)), values_(std::move(values)), texts_(std::move(texts)) {
+  compile();
 }
 
 EndConditions::EndConditions(const Hamiltonian& hamiltonian, std::span<const std::string> equations,
@@ -108,7 +108,6 @@ EndConditions::EndConditions(const Hamiltonian& hamiltonian, std::span<const std
         return std::ranges::find(names, name) == names.end() ? std::nullopt : std::optional(graph_->variable(name));
       },
       .known_names = names};
-  std::vector<Expression> values;
   for (const std::string& equation : equations) {
     const std::size_t equals = equation.find('=');
     if (equals != std::string::npos && equation.find('=', equals + 1) != std::string::npos) {
@@ -118,12 +117,45 @@ EndConditions::EndConditions(const Hamiltonian& hamiltonian, std::span<const std
     if (equals != std::string::npos) {
       value = value - formula::parse(std::string_view(equation).substr(equals + 1), *graph_, context);
     }
-    values.push_back(value);
+    values_.push_back(value);
   }
-  compile(values);
+  compile();
 }
 
-void EndConditions::compile(std::span<const Expression> values) {
+EndConditions EndConditions::with_constraints(const Hamiltonian& hamiltonian) const {
+  const Constraints& constraints = hamiltonian.constraints();
+  if (constraints.none()) {
+    return *this;
+  }
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<Expression> variables;
+  for (const Expression variable : variables_) {
+    variables.push_back(graph->variable(graph_->variable_name(variables_of(variable).front())));
+  }
+  const Hamiltonian own = hamiltonian.with_own_graph();
+  const std::size_t n = own.degrees_of_freedom();
+  const auto z = std::span<const Expression>(variables).first(2 * n), q = z.first(n);
+  const auto p = std::span<const Expression>(own.variables()).last(n);
+  const std::vector<Expression> g = formula::substitute(constraints.values(), *graph, constraints.variables(), q),
+                                velocity = formula::substitute(formula::gradient(own.expression(), p), *graph,
+                                                               own.variables(), z);
+  std::vector<Expression> values = formula::substitute(values_, *graph, variables_, variables);
+  std::vector<std::string> texts = texts_;
+  for (std::size_t i = 0; i < g.size(); ++i) {
+    const std::vector<Expression> row = formula::gradient(g[i], q);
+    Expression rate = graph->constant(0.0);
+    for (std::size_t a = 0; a < n; ++a) {
+      rate = rate + row[a] * velocity[a];
+    }
+    values.insert(values.end(), {g[i], rate});
+    texts.push_back(fmt::format("{} = 0 at the start", constraints.names()[i]));
+    texts.push_back(fmt::format("{}_dot = 0 at the start", constraints.names()[i]));
+  }
+  return {std::move(graph), std::move(variables), std::move(values), std::move(texts)};
+}
+
+void EndConditions::compile() {
+  const std::vector<Expression>& values = values_;
   if (values.empty()) {
     throw std::invalid_argument("there are no end conditions");
   }

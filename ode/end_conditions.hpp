@@ -34,6 +34,9 @@ public:
   [[nodiscard]] static EndConditions connection(const Hamiltonian& hamiltonian, std::span<const double> from,
                                                 std::span<const double> to);
 
+  /// The same with the constraints of H and their rates at the start, none where it has none.
+  [[nodiscard]] EndConditions with_constraints(const Hamiltonian& hamiltonian) const;
+
   [[nodiscard]] std::size_t size() const { return texts_.size(); }
   /// Condition i, for people.
   [[nodiscard]] const std::string& text(std::size_t i) const { return texts_[i]; }
@@ -42,10 +45,10 @@ public:
                 Eigen::MatrixXd& by_0, Eigen::MatrixXd& by_N);
 
 private:
-  void compile(std::span<const formula::Expression> values);
+  void compile();
 
   std::shared_ptr<formula::Graph> graph_;
-  std::vector<formula::Expression> variables_;
+  std::vector<formula::Expression> variables_, values_;
   std::vector<std::string> texts_;
   std::shared_ptr<formula::ScalarEvaluator> evaluator_;  ///< values, then rows of derivatives
 };

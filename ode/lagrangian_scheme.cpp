@@ -87,20 +87,13 @@ public:
     if (const Status status = factors_.factor(matrix_.data()); status != Status::success) {
       return status;
     }
-    const auto varied_point = [&](const auto& column, Index j) {  // of (q, q̇) at a quadrature point
-      changes_.head(n_).noalias() = correction_.lazyProduct(action_.quadrature.values.row(j).tail(d_).transpose());
-      changes_.head(n_) += column.head(n_);
-      changes_.tail(n_).noalias() = correction_.lazyProduct(action_.quadrature.rates.row(j).tail(d_).transpose());
-      changes_.tail(n_) /= trial_h_;
-      errors_.noalias() = action_.hessians.middleCols(2 * n_ * j, 2 * n_).lazyProduct(changes_);
-    };
     for (std::size_t first = 0; first < columns.size(); first += dimension()) {
       Eigen::Map<VectorXd> column(columns.data() + first, 2 * n_);
       residual_.setZero();
       residual_.col(0) = column.tail(n_);
       correction_.setZero();
       for (Index j = 0; j < m_; ++j) {
-        varied_point(column, j);
+        action_.vary(j, trial_h_, column.head(n_), correction_, 0.0, changes_, errors_);
         for (Index row = 0; row < d_; ++row) {
           residual_.col(row) +=
               action_.quadrature.weights[j] * (trial_h_ * action_.quadrature.values(j, row) * errors_.head(n_) +
@@ -111,7 +104,7 @@ public:
       factors_.solve(correction_.data());
       sums_.setZero();
       for (Index j = 0; j < m_; ++j) {
-        varied_point(column, j);
+        action_.vary(j, trial_h_, column.head(n_), correction_, 0.0, changes_, errors_);
         sums_.tail(n_) += action_.quadrature.weights[j] * trial_h_ * errors_.head(n_);
       }
       sums_.head(n_) = correction_.col(d_ - 1);

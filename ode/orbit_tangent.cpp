@@ -21,10 +21,11 @@ public:
   explicit MapTangent(std::unique_ptr<OneStepScheme> map) : map_(std::move(map)) {}
 
   [[nodiscard]] std::size_t size() const override { return map_->dimension(); }
-  [[nodiscard]] Status lift(std::span<const double>, std::span<const double>, double, double,
+  [[nodiscard]] Status lift(std::span<const double> z_0, std::span<const double>, double, double,
                             std::span<const double> from, std::span<double> to) override {
     std::ranges::copy(from, to.begin());
-    return Status::success;
+    map_->restart(z_0);
+    return map_->project_variations(to);
   }
   [[nodiscard]] Status step(std::span<const double> z_0, std::span<const double> z_1, double, double h,
                             std::span<double> columns) override {

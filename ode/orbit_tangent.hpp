@@ -28,8 +28,9 @@ public:
 
   /// Entries of a variation: 2n, or 4n of a two-step map.
   [[nodiscard]] virtual std::size_t size() const = 0;
-  /// The variation, at the start of the first step, that a variation of z_0 is: the same, or with the δP_0 of a z_1
-  /// that goes along as by a midpoint step. \param from columns of 2n entries, `to` as many of size()
+  /// The variation, at the start of the first step, that a variation of z_0 is: the same, with constraints its
+  /// projection on variations of constrained states, or with the δP_0 of a z_1 that goes along as by a midpoint step.
+  /// \param from columns of 2n entries, `to` as many of size()
   [[nodiscard]] virtual Status lift(std::span<const double> z_0, std::span<const double> z_1, double t_0, double h,
                                     std::span<const double> from, std::span<double> to) = 0;
   /// Replaces each of the columns, size() entries one after the other, by its image under the tangent of the step from

@@ -55,4 +55,15 @@ void PolynomialAction::differentiate(double h, MatrixXd& residual, MatrixXd& mat
   }
 }
 
+void PolynomialAction::vary(Index j, double h, const Eigen::Ref<const VectorXd>& q, const MatrixXd& Y,
+                            double change_of_h, VectorXd& point, VectorXd& gradient) const {
+  const Index d = quadrature.degree;
+  point.head(n_).noalias() = Y.lazyProduct(quadrature.values.row(j).tail(d).transpose());
+  point.head(n_) += q;
+  point.tail(n_).noalias() = Y.lazyProduct(quadrature.rates.row(j).tail(d).transpose());
+  point.tail(n_) -= change_of_h * points.col(j).tail(n_);
+  point.tail(n_) /= h;
+  gradient.noalias() = hessians.middleCols(2 * n_ * j, 2 * n_).lazyProduct(point);
+}
+
 }  // namespace rubato

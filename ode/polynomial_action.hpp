@@ -22,6 +22,11 @@ public:
   /// upper left part of `matrix`.
   void differentiate(double h, Eigen::MatrixXd& residual, Eigen::MatrixXd& matrix) const;
 
+  /// What a variation makes of quadrature point j and of ∇L there: q_k changes by δq, Y by δY and h by δh.
+  /// \param point, gradient 2n entries each
+  void vary(Eigen::Index j, double h, const Eigen::Ref<const Eigen::VectorXd>& q, const Eigen::MatrixXd& Y,
+            double change_of_h, Eigen::VectorXd& point, Eigen::VectorXd& gradient) const;
+
   const ActionQuadrature quadrature;
   Eigen::MatrixXd points, gradients, hessians;  ///< (q, q̇) at the quadrature points, and L's derivatives there
   Eigen::VectorXd values;                       ///< of L there

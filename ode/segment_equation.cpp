@@ -9,6 +9,7 @@
 #include <rubato/ode/gauss_function.hpp>
 #include <rubato/ode/generating_action.hpp>
 #include <rubato/solve/small_matrices.hpp>
+#include <rubato/variation/composition.hpp>
 
 namespace rubato {
 
@@ -194,6 +195,84 @@ private:
   std::vector<double> corners_;
 };
 
+/// Of a one-step map, as the defect d = J(z_1 - ψ_h(z_0)). With constraints ψ_h leads to states that satisfy them from
+/// wherever it begins, so that they need be stated at the first node alone.
+class MapRows final : public SegmentEquation {
+public:
+  MapRows(const Hamiltonian& hamiltonian, const SegmentLagrangian& lagrangian)
+      : hamiltonian_(hamiltonian),
+        lagrangian_(lagrangian),
+        J_(symplectic_unit(static_cast<Index>(hamiltonian.degrees_of_freedom()))) {
+    columns_.resize(J_.rows(), J_.rows() + 1);
+    energies_.resize(J_.rows() + 1);
+  }
+  [[nodiscard]] int order() const override {
+    const auto* splitting = std::get_if<Splitting>(&lagrangian_);
+    return splitting == nullptr ? 2 : composition(splitting->composition).order;
+  }
+
+  Status evaluate(std::span<const double> z_0, std::span<const double> z_1, double h, SegmentRows& rows) override {
+    const Index size = J_.rows();
+    if (!map_) {
+      const VectorXd start = constrained_near(z_0);
+      map_ = make_one_step_scheme(hamiltonian_, lagrangian_, {start.data(), z_0.size()});
+    }
+    map_->restart(z_0);
+    if (const Status status = map_->advance(h, 0.0); status != Status::success) {
+      return status;
+    }
+    columns_.setIdentity();
+    const Status status = map_->linearise({columns_.data(), static_cast<std::size_t>(columns_.size())},
+                                          {energies_.data(), static_cast<std::size_t>(energies_.size())});
+    if (status != Status::success) {
+      return status;
+    }
+    rows.energy = map_->discrete_energy();
+    map_->accept();
+    rows.value = J_.lazyProduct(point(z_1) - point(map_->state()));
+    rows.by_0 = -J_.lazyProduct(columns_.leftCols(size));
+    rows.by_1 = J_;
+    rows.by_h = -J_.lazyProduct(columns_.col(size));
+    rows.energy_by_0 = energies_.head(size);
+    rows.energy_by_1 = VectorXd::Zero(size);
+    rows.energy_by_h = energies_[size];
+    return Status::success;
+  }
+
+private:
+  /// A state that satisfies the constraints to rounding. \throws std::invalid_argument, with the sizes, if there is
+  /// none near z
+  [[nodiscard]] VectorXd constrained_near(std::span<const double> z) const {
+    const Constraints& constraints = hamiltonian_.constraints();
+    ConstraintEvaluator at(constraints);
+    const Index size = J_.rows(), n = size / 2;
+    VectorXd q = point(z).head(n), state = point(z);
+    static_cast<void>(approach_constraints(at, q));  // or the scheme refuses it
+    state.head(n) = q;
+    HamiltonianEvaluator evaluator(hamiltonian_);
+    VectorXd gradient(size);
+    MatrixXd hessian(size, size);
+    for (int iteration = 0; iteration < projections; ++iteration) {
+      evaluator.hessian(state.data(), gradient.data(), hessian.data());
+      const MatrixXd along = solve::product(hessian.bottomRightCorner(n, n), at.G().transpose());
+      const auto nu = solve::quotient(solve::product(at.G(), along), at.G().lazyProduct(gradient.tail(n)));
+      if (!nu) {
+        break;
+      }
+      state.tail(n) -= at.G().transpose().lazyProduct(nu->col(0));
+    }
+    return state;
+  }
+  /// Newton's method for the momenta; of a kinetic energy of degree two the first leaves rounding errors.
+  static constexpr int projections = 8;
+
+  const Hamiltonian hamiltonian_;
+  const SegmentLagrangian lagrangian_;
+  MatrixXd J_, columns_;
+  VectorXd energies_;
+  std::unique_ptr<OneStepScheme> map_;
+};
+
 /// A point at which to ask whether an action knows t: none that a formula is likely to single out.
 std::vector<double> some_corners(std::size_t size) {
   std::vector<double> corners;
@@ -211,6 +290,10 @@ std::optional<MatrixXd> SegmentEquation::tangent(const SegmentRows& rows) {
 
 std::unique_ptr<SegmentEquation> make_segment_equation(const Hamiltonian& hamiltonian,
                                                        const SegmentLagrangian& lagrangian) {
+  if (!hamiltonian.constraints().none()) {
+    require_constrained(hamiltonian, lagrangian);
+    return std::make_unique<MapRows>(hamiltonian, lagrangian);
+  }
   if (std::holds_alternative<Midpoint>(lagrangian)) {
     return std::make_unique<MidpointFamily>(hamiltonian);
   }

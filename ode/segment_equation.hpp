@@ -32,6 +32,8 @@ struct SegmentRows {
 /// Stationarity at node k is (I + FJ) d_k + (I - FJ) d_{k-1} = 0. All d_k = 0 solves it without the parasite
 /// d_k = (-1)^k d_0, which the ends would have to exclude otherwise.
 ///
+/// A map with constraints is of the same kind, d = J(z_1 - ψ_h(z_0)): its multipliers are solved for within the step.
+///
 /// Any other action of a segment (forward, custom): `value` has 4n entries, ∂A/∂z_0 and ∂A/∂z_1, to be summed at
 /// interior nodes. All 2n numbers of both end nodes have to be given.
 ///

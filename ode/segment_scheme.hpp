@@ -30,6 +30,14 @@ public:
   /// rounding errors. Hypothesis: the last advance succeeded, and was not accepted. Where it fails the columns are
   /// undefined. Plain steps do nothing for it.
   [[nodiscard]] virtual Status tangent(std::span<double> columns) = 0;
+  /// Replaces each of the columns by its projection on the variations that states of the scheme have at z_k: all,
+  /// unless there are constraints.
+  [[nodiscard]] virtual Status project_variations(std::span<double> /*columns*/) { return Status::success; }
+  /// tangent() for what makes steps part of larger equations. The last column, 0 before, becomes ∂ψ_h/∂h, and
+  /// `energies` gets the derivative of the discrete energy along each column. Only schemes with constraints have it.
+  [[nodiscard]] virtual Status linearise(std::span<double> /*columns*/, std::span<double> /*energies*/) {
+    return Status::undefined;
+  }
   /// What the next restart() keeps: after restore_guesses() it leads to the same bits.
   ///@{
   virtual void save_guesses(StateWriter& /*state*/) const {}

@@ -12,6 +12,25 @@
 
 namespace rubato {
 
+/// T or V of a splitting with its gradient and the entries of its second derivatives that do not vanish.
+class SplittingHalfTangent {
+public:
+  explicit SplittingHalfTangent(const SplittingHalf& half);
+
+  /// At the numbers that it depends on.
+  void evaluate(std::span<const double> point) { evaluate_(point, outputs_); }
+  [[nodiscard]] std::span<const double> gradient() const {
+    return std::span<const double>(outputs_).first(outputs_.size() - places_.size());
+  }
+  /// moved += length times the matrix of second derivatives times by.
+  void shear(double length, const double* by, double* moved) const;
+
+private:
+  formula::ScalarEvaluator evaluate_;
+  std::vector<std::pair<std::size_t, std::size_t>> places_;  ///< row and column of the entries
+  std::vector<double> outputs_;
+};
+
 /// The tangent of a step of a splitting (theory, section 8.2), part after part:
 ///
 ///     drift  V_q += a h T_pp(p) V_p,      kick  V_p -= b h V_qq(q) V_q.
@@ -26,18 +45,9 @@ public:
   [[nodiscard]] Status operator()(std::span<const double> z, double h, std::span<double> columns);
 
 private:
-  /// The gradient of T or V, and the entries of its second derivatives that do not vanish.
-  struct Half {
-    explicit Half(const SplittingHalf& half);
-
-    formula::ScalarEvaluator evaluate;
-    std::vector<std::pair<std::size_t, std::size_t>> places;  ///< row and column of the entries
-    std::vector<double> outputs;
-  };
-
   const Composition& composition_;
   std::size_t n_;
-  std::array<Half, 2> halves_;  ///< of kicks, of drifts
+  std::array<SplittingHalfTangent, 2> halves_;  ///< of kicks, of drifts
   std::vector<double> z_;
 };
 

@@ -37,12 +37,12 @@ double energy_scale(const Hamiltonian& hamiltonian, const NodesOfOrbit& orbit) {
   return largest > 0.0 ? largest : 1.0;
 }
 
-StationaryAction::StationaryAction(const Hamiltonian& hamiltonian, SegmentEquation& segments, EndConditions& ends,
+StationaryAction::StationaryAction(const Hamiltonian& hamiltonian, SegmentEquation& segments, const EndConditions& ends,
                                    Targets targets, const NodesOfOrbit& guess, Levels levels,
                                    const StepPotential& potential)
     : hamiltonian_(hamiltonian),
       segments_(segments),
-      ends_(ends),
+      ends_(ends.with_constraints(hamiltonian)),
       targets_(targets),
       levels_(levels),
       potential_(potential),

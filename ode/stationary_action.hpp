@@ -37,7 +37,7 @@ struct LinearCondition {
 ///
 ///     the equations of the segments (SegmentEquation),
 ///     K_k + f'(h_k) = K_{k-1} + f'(h_{k-1})       with free levels;  h_k/ρ_k = h_{k-1}/ρ_{k-1} with prescribed ratios,
-///     g(z_0, z_N) = 0                             (EndConditions),
+///     g(z_0, z_N) = 0                             (EndConditions, and the constraints of H at the start),
 ///     Σ h_k = T                                   if the duration T is given,
 ///     Σ h_k K_k = E* Σ h_k                        if the energy E* is given,
 ///
@@ -60,8 +60,8 @@ public:
   };
 
   /// \param guess for the scales, and the ratios of prescribed levels. Everything referred to has to live as long.
-  StationaryAction(const Hamiltonian& hamiltonian, SegmentEquation& segments, EndConditions& ends, Targets targets,
-                   const NodesOfOrbit& guess, Levels levels, const StepPotential& potential = {});
+  StationaryAction(const Hamiltonian& hamiltonian, SegmentEquation& segments, const EndConditions& ends,
+                   Targets targets, const NodesOfOrbit& guess, Levels levels, const StepPotential& potential = {});
 
   [[nodiscard]] Eigen::Index unknowns() const { return parameter_place() + (has_parameter() ? 1 : 0); }
   /// \param orbit where the steps are defined: else its running sums are taken as 0
@@ -123,7 +123,7 @@ private:
 
   const Hamiltonian& hamiltonian_;
   SegmentEquation& segments_;
-  EndConditions& ends_;
+  EndConditions ends_;
   Targets targets_;
   Levels levels_;
   StepPotential potential_;

@@ -160,7 +160,7 @@ Status TangentVectors::step(std::span<const double> z_0, std::span<const double>
     if (const Status status = tangent_->lift(z_0, z_1, t_0, h, before_, columns_); status != Status::success) {
       return fail(status);
     }
-    if (size != dimension_) {
+    if (columns_ != before_) {
       to_units(columns_, size);
       const bool independent = orthonormalise(std::span(columns_).first(count_ * size), count_, logarithms_);
       to_units(columns_, size, true);

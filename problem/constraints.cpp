@@ -61,7 +61,6 @@ void read_constraints(Section& root, HamiltonianProblem& orbit, const Parameters
   if (!section) {
     return;
   }
-  orbit.constraints_location = section->location();
   if (orbit.fictitious_time || orbit.driven) {
     throw ProblemError(section->location(),
                        fmt::format("[constraints] needs an H that does not name t, and no time_scale; {}",
@@ -88,15 +87,19 @@ void check_constrained(const Problem& problem) {
   if (orbit == nullptr || orbit->constraints.empty()) {
     return;
   }
-  if (problem.scheme.tangents.any()) {
-    throw ProblemError(problem.scheme.tangents.location,
-                       "tangents are not available with [constraints]; leave them out, or state the problem in "
-                       "coordinates that need no constraint");
-  }
-  if (problem.solve) {
-    throw ProblemError(orbit->constraints_location,
-                       "[solve] is not available with [constraints]; state the problem in coordinates that need no "
-                       "constraint");
+  for (const std::string& parameter : problem.scheme.tangents.parameters) {
+    for (const NamedFormula& constraint : orbit->constraints) {
+      formula::Graph graph;
+      std::vector<std::string> names = orbit->q;
+      names.push_back(parameter);
+      const formula::Expression value = problem.build(constraint.formula, graph, names);
+      if (!formula::derivative(value, graph.variable(parameter)).is_constant(0.0)) {
+        throw ProblemError(problem.scheme.tangents.location,
+                           fmt::format("the constraint {} names {}, and a start that is held fixed would not satisfy "
+                                       "it with another value: leave {} out of parameters",
+                                       constraint.name, parameter, parameter));
+      }
+    }
   }
   if (!orbit->L) {
     try {
@@ -107,17 +110,16 @@ void check_constrained(const Problem& problem) {
   }
 }
 
-Constraints make_constraints(const Problem& problem) {
-  const HamiltonianProblem& orbit = *problem.hamiltonian();
+Constraints make_constraints(const Problem& problem, std::span<const std::string> q_names) {
   auto graph = std::make_shared<formula::Graph>();
   std::vector<formula::Expression> q, values;
   std::vector<std::string> names;
-  for (const std::string& name : orbit.q) {
+  for (const std::string& name : q_names) {
     q.push_back(graph->variable(name));
   }
-  for (const NamedFormula& constraint : orbit.constraints) {
+  for (const NamedFormula& constraint : problem.hamiltonian()->constraints) {
     names.push_back(constraint.name);
-    values.push_back(problem.build(constraint.formula, *graph, orbit.q));
+    values.push_back(problem.build(constraint.formula, *graph, q_names));
   }
   return {graph, q, std::move(names), values};
 }

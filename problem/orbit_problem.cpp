@@ -60,7 +60,7 @@ Hamiltonian make_hamiltonian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
   const formula::Expression H = build_hamiltonian(problem, *graph);
-  return Hamiltonian(graph, orbit.q, orbit.p, H).constrained(make_constraints(problem));
+  return Hamiltonian(graph, orbit.q, orbit.p, H).constrained(make_constraints(problem, orbit.q));
 }
 
 Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters, bool as_momenta) {
@@ -77,14 +77,14 @@ Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string
       static_cast<void>(graph->variable(name));
     }
   }
-  return Hamiltonian(graph, q, p, H);
+  return Hamiltonian(graph, q, p, H).constrained(make_constraints(problem, q));
 }
 
 Lagrangian make_lagrangian(const Problem& problem) {
   const HamiltonianProblem& orbit = *problem.hamiltonian();
   auto graph = std::make_shared<formula::Graph>();
   const formula::Expression L = problem.build(*orbit.L, *graph, orbit.lagrangian_names());
-  return Lagrangian(graph, orbit.q, orbit.q_dot, L).constrained(make_constraints(problem));
+  return Lagrangian(graph, orbit.q, orbit.q_dot, L).constrained(make_constraints(problem, orbit.q));
 }
 
 SegmentLagrangian make_discretisation(const Problem& problem) {

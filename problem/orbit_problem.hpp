@@ -17,8 +17,9 @@ namespace rubato {
 [[nodiscard]] Hamiltonian make_hamiltonian(const Problem& problem, std::span<const std::string> parameters,
                                            bool as_momenta);
 ///@}
-/// [constraints], none where there is no such table.
-[[nodiscard]] Constraints make_constraints(const Problem& problem);
+/// [constraints] as formulas of q, the coordinates of the problem and what comes after them, parameters of it among
+/// that; none where there is no such table.
+[[nodiscard]] Constraints make_constraints(const Problem& problem, std::span<const std::string> q);
 /// Of a problem stated by L.
 [[nodiscard]] Lagrangian make_lagrangian(const Problem& problem);
 [[nodiscard]] SegmentLagrangian make_discretisation(const Problem& problem);

@@ -106,7 +106,6 @@ struct HamiltonianProblem {
   std::vector<NamedFormula> exact;        ///< in t; names of some coordinates and momenta, in the order q, p
   std::vector<std::string> symmetries;    ///< those of the invariants that are momentum maps of [symmetries]
   std::vector<NamedFormula> constraints;  ///< formulas of q that vanish, in the order of the file
-  Location constraints_location;
 
   /// With time_scale, which coordinate is the physical time; else t of the levels is that. In (q, p) it has the same
   /// place.

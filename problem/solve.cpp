@@ -63,13 +63,26 @@ private:
                                               : "boundary-value problems take no time_scale; leave it out");
     }
     const LagrangianName name = problem_.scheme.lagrangian;
-    if (name == LagrangianName::splitting || name == LagrangianName::trapezoid || name == LagrangianName::lobatto) {
+    if (!orbit_.constraints.empty()) {
+      refuse_constrained(name);
+    } else if (name == LagrangianName::splitting || name == LagrangianName::trapezoid ||
+               name == LagrangianName::lobatto) {
       throw ProblemError(problem_.scheme.lagrangian_location,
                          fmt::format("boundary-value problems are not available for {}; use gauss, midpoint{}",
                                      problem_.scheme.word(), orbit_.L ? "" : ", generating, forward or custom"));
     }
     if (orbit_.L) {
       static_cast<void>(make_hamiltonian(problem_));  // which refuses an L without a formula of H
+    }
+  }
+
+  void refuse_constrained(LagrangianName name) const {
+    if (name != LagrangianName::midpoint && (name != LagrangianName::splitting || orbit_.L)) {
+      throw ProblemError(
+          problem_.scheme.lagrangian_location,
+          fmt::format("boundary-value problems with [constraints] are not available for {}; use midpoint{}",
+                      problem_.scheme.word(),
+                      orbit_.L ? ", or state the problem by [hamiltonian] for splitting" : " or splitting"));
     }
   }
 
@@ -92,6 +105,11 @@ private:
     }
     if (solve_.ends == Ends::conditions && solve_.conditions.empty()) {
       throw ProblemError(solve_.ends_location, "ends has no condition");
+    }
+    if (solve_.ends == Ends::connection && !orbit_.constraints.empty()) {
+      throw ProblemError(solve_.ends_location,
+                         "a connection is by the linearised motion at its equilibria, which [constraints] do not have "
+                         "in these coordinates; state the problem in coordinates that need no constraint");
     }
     take_part("jump", Ends::periodic, "ends = \"periodic\"",
               [&](const Entry& entry) { solve_.jump = read_numbers(entry, false); });
@@ -336,18 +354,20 @@ private:
     if (solve_.ends != Ends::conditions) {
       return;
     }
-    const std::size_t wanted = (is_action ? 2 : 1) * names_.size() + (solve_.duration || solve_.has_energy() ? 0 : 1) -
+    const std::size_t implied = 2 * orbit_.constraints.size();  // by the constraints and their rates
+    const std::size_t wanted = (is_action ? 2 : 1) * names_.size() - implied +
+                               (solve_.duration || solve_.has_energy() ? 0 : 1) -
                                (solve_.duration && solve_.has_energy() ? 1 : 0);
-    if (solve_.conditions.size() != wanted) {
+    if (solve_.conditions.size() < wanted || solve_.conditions.size() > wanted + implied) {
       throw ProblemError(
           solve_.ends_location,
-          fmt::format("ends has {} condition{}, and {} {} needed: {} for {} coordinates and momenta{}",
-                      solve_.conditions.size(), solve_.conditions.size() == 1 ? "" : "s", wanted,
-                      wanted == 1 ? "is" : "are", is_action ? "two each" : "one each", names_.size(),
-                      solve_.duration && solve_.has_energy() ? ", less one since both time and energy are given"
-                      : solve_.duration || solve_.has_energy()
-                          ? ""
-                          : ", and one more since neither time nor energy is given"));
+          fmt::format(
+              "ends has {} condition{}, and {} {} needed: {} for {} coordinates and momenta{}{}",
+              solve_.conditions.size(), solve_.conditions.size() == 1 ? "" : "s", wanted, wanted == 1 ? "is" : "are",
+              is_action ? "two each" : "one each", names_.size(), implied == 0 ? "" : ", less two for each constraint",
+              solve_.duration && solve_.has_energy()   ? ", less one since both time and energy are given"
+              : solve_.duration || solve_.has_energy() ? ""
+                                                       : ", and one more since neither time nor energy is given"));
     }
   }
 
@@ -465,7 +485,7 @@ Hamiltonian make_hamiltonian_beside(const Problem& problem, const std::string& p
   q.push_back(parameter);
   p.push_back(parameter + "_momentum");
   const formula::Expression H = build_hamiltonian(problem, *graph, std::array{parameter});
-  return Hamiltonian(graph, q, p, H);
+  return Hamiltonian(graph, q, p, H).constrained(make_constraints(problem, q));
 }
 
 EndConditions make_end_conditions_beside(const Problem& problem, const std::string& parameter,

@@ -79,7 +79,7 @@ StatedTangents read_tangents(Section& scheme, const Problem& problem) {
                        "--tangents: leave it out");
   }
   tangents.location = entry->value.location;
-  const std::size_t dimension = 2 * orbit->q.size();
+  const std::size_t dimension = 2 * (orbit->q.size() - orbit->constraints.size());
   if (entry->value.table() == nullptr) {
     tangents.vectors = read_vectors(scheme.take("tangents")->value, "tangents", dimension, problem.parameters);
     return tangents;

@@ -239,8 +239,14 @@ void add_second_variation(const Problem& problem, const Hamiltonian& hamiltonian
   }
   try {
     const SecondVariation variation(*segments, outcome.solution.orbit);
+    const std::size_t implied = 2 * hamiltonian.constraints().count();
     if (outcome.closes) {
       outcome.multipliers = variation.multipliers();
+      outcome.multipliers.resize(outcome.multipliers.size() -
+                                 implied);  // the rest is 0, of what leaves the constraints
+    }
+    if (implied > 0) {
+      return;
     }
     outcome.index = outcome.closes ? variation.index_of_periodic() : variation.index_of_fixed_ends();
     for (const double t : variation.conjugate_points()) {
