@@ -1,7 +1,7 @@
 #include <rubato/ode/constrained_midpoint.hpp>
 
-#include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <rubato/base/limits.hpp>
 #include <rubato/ode/constrained_state.hpp>
@@ -24,7 +24,8 @@ public:
   ConstrainedMidpoint(const Hamiltonian& hamiltonian, std::span<const double> z_0)
       : ConstrainedState(hamiltonian, hamiltonian.expression(),
                          static_cast<Index>(z_0.size() + hamiltonian.constraints().count()), z_0),
-        solver_(static_cast<int>(2 * n_ + c_)) {
+        solver_(static_cast<int>(2 * n_ + c_)),
+        gradient_rounding_(hamiltonian.gradient_code()) {
     middle_.setZero(2 * n_);
     gradient_.setZero(2 * n_);
     first_entries_.setZero(static_cast<Index>(constraints_.places().size()));
@@ -87,16 +88,13 @@ private:
       correction_.tail(c_) = at_.g();
       solver_.solve(correction_.data());
       unknowns_ -= correction_;
-      // Coordinates and momenta have units of their own.
-      const double of_q = largest_in(0, correction_), of_p = largest_in(n_, correction_);
-      const double size = std::max(ratio(of_q, largest_in(0, increment)), ratio(of_p, largest_in(n_, increment)));
+      const double size = history_.relative_size(correction_.head(2 * n_), increment, z_.value());
       if (!std::isfinite(size)) {
         return Status::undefined;
       }
       factored = size <= slowest_multipliers * last;
       settled = size / last * size <= tuning::least_leftover || size <= epsilon ||
-                (size >= 0.5 * last && of_q <= stagnant_constraint * largest_in(0, at_end_) &&
-                 of_p <= stagnant_constraint * largest_in(n_, middle_));
+                (size >= 0.5 * last && residual_is_rounding(h));
       last = size;
     }
     return Status::not_converged;
@@ -141,13 +139,30 @@ private:
     return Status::success;
   }
 
-  /// The largest of the coordinates (from 0) or momenta (from n).
-  template <class Vector>
-  [[nodiscard]] double largest_in(Index from, const Vector& z) const {
-    return z.segment(from, n_).template lpNorm<Eigen::Infinity>();
-  }
-  [[nodiscard]] static double ratio(double correction, double increment) {
-    return correction == 0.0 ? 0.0 : correction / increment;
+  /// Whether what the last correction mended is no more than the rounding error of the equations, each in its own
+  /// units.
+  [[nodiscard]] bool residual_is_rounding(double h) {
+    constexpr double unit = 0.5 * epsilon;
+    if (!(at_.left(at_end_.data()).in_roundings <= roundings_of_start)) {
+      return false;
+    }
+    // The middle before the correction, and what it was made of, are rounded.
+    errors_ = middle_.cwiseAbs() + unknowns_.head(2 * n_).cwiseAbs();
+    const double* entry = first_entries_.data();
+    for (const auto [row, column] : constraints_.places()) {
+      errors_[n_ + static_cast<Index>(column)] += std::abs(*entry++ * mu_[static_cast<Index>(row)]);
+    }
+    gradient_rounding_.run(as_span(std::as_const(middle_)), as_span(std::as_const(errors_)));
+    for (Index i = 0; i < 2 * n_; ++i) {
+      const Index slope = i < n_ ? n_ + i : i - n_;
+      const double increment = unknowns_[i] + correction_[i], sign = i < n_ ? -1.0 : 1.0;
+      const double residual = std::abs(increment + sign * h * gradient_[slope]);
+      const double bound = std::abs(h) * gradient_rounding_.bound(static_cast<std::size_t>(1 + slope));
+      if (!(residual <= 2.0 * unit * (bound + 4.0 * std::abs(increment)))) {
+        return false;
+      }
+    }
+    return true;
   }
 
   /// The derivatives of what is left of the equations.
@@ -163,6 +178,7 @@ private:
   }
 
   solve::DenseSolver solver_;
+  formula::RoundingEvaluator gradient_rounding_;
   VectorXd middle_, gradient_, first_entries_, mu_, correction_;
   MatrixXd first_G_, hessian_, matrix_;
 };

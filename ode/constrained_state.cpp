@@ -66,9 +66,9 @@ ConstrainedState::ConstrainedState(const Hamiltonian& hamiltonian, formula::Expr
       at_(constraints_),
       kinetic_(T, hamiltonian.variables(), constraints_),
       multiplier_solver_(static_cast<int>(c_)),
+      history_(unknowns),
       q_names_(hamiltonian.q_names()),
-      energy_size_(hamiltonian.size_code()),
-      history_(unknowns) {
+      energy_size_(hamiltonian.size_code()) {
   unknowns_.setZero(unknowns);
   at_end_.setZero(2 * n_);
   errors_.setZero(2 * n_);

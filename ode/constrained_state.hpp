@@ -106,10 +106,12 @@ protected:
   ConstraintEvaluator at_;
   KineticDerivatives kinetic_;
   solve::DenseSolver multiplier_solver_;
-  Eigen::VectorXd unknowns_;         ///< of the trial
-  Eigen::VectorXd at_end_, rates_;   ///< z_{k+1} as far as it is known
-  double energy_ = 0.0;              ///< of the trial
-  double rounding_magnitude_ = 1.0;  ///< that of energy_size(), beside one evaluation of H
+  Eigen::VectorXd unknowns_;                  ///< of the trial
+  Eigen::VectorXd at_end_, rates_;            ///< z_{k+1} as far as it is known
+  double energy_ = 0.0;                       ///< of the trial
+  double rounding_magnitude_ = 1.0;           ///< that of energy_size(), beside one evaluation of H
+  VelocityHistory<Eigen::VectorXd> history_;  ///< of unknowns_
+  Eigen::VectorXd errors_;                    ///< work space of 2n
   int iterations_ = 0;
   std::string dependent_;  ///< the constraint that made the trial fail
 
@@ -132,9 +134,8 @@ private:
 
   std::vector<std::string> q_names_;
   formula::SumSizeEvaluator energy_size_;
-  VelocityHistory<Eigen::VectorXd> history_;  ///< of unknowns_
   Eigen::MatrixXd matrix_;
-  Eigen::VectorXd errors_, nu_;  ///< nu_: multipliers of the projection
+  Eigen::VectorXd nu_;  ///< multipliers of the projection
   std::optional<Second> second_;
   double trial_h_ = 0.0, last_h_ = 0.0;  ///< 0 where there is no trial, or no step
 };

@@ -134,7 +134,8 @@ public:
 
   /// max_i |v_i| / max(|δ_i|, largest |δ_i| so far, ε|z_i|, |v_i|), no more than 1: components of different magnitude
   /// weigh the same, and one that is 0 has no unit but v. NaN if any is.
-  [[nodiscard]] double relative_size(const Vector& v, const Vector& delta, const Vector& z) const {
+  template <typename V, typename Delta>
+  [[nodiscard]] double relative_size(const V& v, const Delta& delta, const Vector& z) const {
     double result = 0.0;
     for (Eigen::Index i = 0; i < v.size(); ++i) {
       const double size = std::abs(v[i]);

@@ -198,6 +198,20 @@ class Constraints(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "start from x = "):
             rb.integrate(rod, [0.7, -0.8, 0.8, 0.6], (0, 1), step=0.1, scheme="splitting")
 
+    def test_tangents_and_boundary_values(self):
+        rod = rb.Hamiltonian("x y", "a b", "(a^2 + b^2)/2 + y", constraints={"length": "x^2 + y^2 - 1"})
+        r = rb.integrate(rod, [0.6, -0.8, 0.8, 0.6], (0, 20), step=0.1, scheme="splitting",
+                         tangents={"vectors": "all", "matrix": True})
+        self.assertEqual(len(r.lyapunov.exponents), 2)
+        self.assertLess(r.lyapunov.two_form.max(), 1e-14)
+        moved = r.tangent[-1] @ [0.8, 0.6, -0.6, 0.8]
+        self.assertLess(abs(r.y[:2, -1] @ moved[:2]), 1e-13 * np.abs(moved).max())
+        found = rb.solve(rod, {"ends": {"a_0": 0, "x_1": 0.5}, "time": 2.2}, initial=[-0.96, -0.28, 0, 0],
+                         t_span=(0, 2.2), step=0.1, scheme="splitting")
+        self.assertTrue(found.success)
+        self.assertLess(abs(found.y[0, -1] - 0.5), 1e-12)
+        self.assertLess(np.abs(found.y[0] ** 2 + found.y[1] ** 2 - 1).max(), 1e-12)
+
 
 class Fields(unittest.TestCase):
     def test_four_statements_of_one_equation(self):

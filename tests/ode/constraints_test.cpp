@@ -4,6 +4,8 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,6 +15,8 @@
 
 #include <rubato/ode/constraints.hpp>
 #include <rubato/ode/integrate.hpp>
+#include <rubato/ode/orbit_tangent.hpp>
+#include <rubato/ode/tangent.hpp>
 
 using namespace rubato;
 
@@ -210,6 +214,184 @@ TEST_CASE("the step with constraints is symplectic on the tangent bundle of the 
     CHECK(defect(method, 1.0) < 1e-11);
     CHECK(defect(method, 1.0 + 1e-6) > 1e-7);  // the twin
   }
+}
+
+namespace {
+
+/// A scheme at the start, and its tangent.
+struct Mapped {
+  std::unique_ptr<OneStepScheme> scheme;
+  std::unique_ptr<OrbitTangent> tangent;
+};
+Mapped map_of(const Method& method) {
+  const auto make = [&]() {
+    std::vector<double> z = start.q;
+    z.insert(z.end(), start.v.begin(), start.v.end());
+    return method.by_H ? make_one_step_scheme(double_pendulum(), method.lagrangian, z)
+                       : make_one_step_scheme(double_pendulum_by_L(), method.lagrangian, start.q, start.v);
+  };
+  return {make(), make_orbit_tangent(make())};
+}
+
+VectorXd stepped(OneStepScheme& scheme, const VectorXd& z, double h) {
+  scheme.restart({z.data(), static_cast<std::size_t>(z.size())});
+  REQUIRE(scheme.advance(h, 0.0) == Status::success);
+  scheme.accept();
+  return Eigen::Map<const VectorXd>(scheme.state().data(), z.size());
+}
+MatrixXd carried(OrbitTangent& tangent, const VectorXd& z_0, const VectorXd& z_1, double h, MatrixXd columns) {
+  const auto span = [](const VectorXd& z) { return std::span(z.data(), static_cast<std::size_t>(z.size())); };
+  REQUIRE(tangent.step(span(z_0), span(z_1), 0.0, h, {columns.data(), static_cast<std::size_t>(columns.size())}) ==
+          Status::success);
+  return columns;
+}
+
+/// (q, p) of masses 1 at angles and rates.
+VectorXd chart(const Vector4d& s) {
+  const Place at = cartesian(s[0], s[1], s[2], s[3]);
+  VectorXd z(8);
+  std::ranges::copy(at.v, std::ranges::copy(at.q, z.begin()).out);
+  return z;
+}
+/// Its derivatives, by differences of order 4: (1e-3)⁴/30 of fifth derivatives of order 1, and rounding over 1e-3.
+MatrixXd chart_derivatives(const Vector4d& s) {
+  MatrixXd result(8, 4);
+  for (int i = 0; i < 4; ++i) {
+    constexpr double by = 1e-3;
+    const auto at = [&](double shift) { return chart(s + shift * by * Vector4d::Unit(i)); };
+    result.col(i) = (8.0 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12.0 * by);
+  }
+  return result;
+}
+
+double two_form_change(const MatrixXd& before, const MatrixXd& after) {
+  const MatrixXd W = canonical_two_form(4);
+  return (after.transpose() * W * after - before.transpose() * W * before).cwiseAbs().maxCoeff();
+}
+
+/// The largest |δg| and |δ(dg/dt)| of variations of masses 1.
+double largest_off_tangent(const VectorXd& z, const MatrixXd& columns) {
+  const auto rates = [](const VectorXd& q, const VectorXd& v) {
+    return Eigen::Vector2d(2.0 * (q[0] * v[0] + q[1] * v[1]),
+                           2.0 * ((q[2] - q[0]) * (v[2] - v[0]) + (q[3] - q[1]) * (v[3] - v[1])));
+  };
+  double largest = 0.0;
+  for (const auto& column : columns.colwise()) {
+    const VectorXd q = column.head(4), p = column.tail(4);
+    largest = std::max({largest, rates(z.head(4), q).cwiseAbs().maxCoeff(),
+                        (rates(q, z.tail(4)) + rates(z.head(4), p)).cwiseAbs().maxCoeff()});
+  }
+  return largest;
+}
+
+}  // namespace
+
+TEST_CASE("the tangent of a step with constraints is its derivative, on the constraints, and symplectic") {
+  const Vector4d at(1.0, 0.3, 0.4, -0.2);
+  const VectorXd z = chart(at);
+  for (const Method& method : methods) {
+    CAPTURE(method.order, method.lagrangian.index(), method.by_H);
+    Mapped map = map_of(method);
+    for (const double h : {0.1, -0.2}) {
+      const VectorXd z_1 = stepped(*map.scheme, z, h);
+      MatrixXd differences(8, 4);
+      for (int i = 0; i < 4; ++i) {
+        constexpr double by = 1e-3;
+        const auto to = [&](double shift) {
+          return stepped(*map.scheme, chart(at + shift * by * Vector4d::Unit(i)), h);
+        };
+        differences.col(i) = (8.0 * (to(1) - to(-1)) - (to(2) - to(-2))) / (12.0 * by);
+      }
+      const MatrixXd along = chart_derivatives(at), T = carried(*map.tangent, z, z_1, h, along);
+      CHECK((T - differences).cwiseAbs().maxCoeff() < 1e-10);
+      const VectorXd other = stepped(*map.scheme, z, 1.01 * h);  // the twin
+      CHECK((carried(*map.tangent, z, other, 1.01 * h, along) - differences).cwiseAbs().maxCoeff() > 1e-4);
+
+      // All directions, projected: sums of some tens of terms of order 1.
+      MatrixXd projected(8, 8);
+      const MatrixXd all = MatrixXd::Identity(8, 8);
+      REQUIRE(map.tangent->lift({z.data(), 8}, {z_1.data(), 8}, 0.0, h, {all.data(), 64}, {projected.data(), 64}) ==
+              Status::success);
+      CHECK(largest_off_tangent(z, projected) < 1e-14);
+      CHECK(largest_off_tangent(z, all) > 0.1);
+      MatrixXd again = projected;
+      REQUIRE(map.tangent->lift({z.data(), 8}, {z_1.data(), 8}, 0.0, h, {projected.data(), 64}, {again.data(), 64}) ==
+              Status::success);
+      CHECK((again - projected).cwiseAbs().maxCoeff() < 1e-14);
+      MatrixXd after = carried(*map.tangent, z, z_1, h, projected);
+      CHECK(largest_off_tangent(z_1, after) < 1e-14);
+      CHECK(two_form_change(projected, after) < 2e-14);
+      after(1, 3) += 1e-10;  // the twins
+      CHECK(largest_off_tangent(z_1, after) > 1e-11);
+      CHECK(two_form_change(projected, after) > 1e-11);
+    }
+  }
+}
+
+TEST_CASE("the tangent of the midpoint rule with constraints is that of an H that is not separable") {
+  const std::vector<std::string> q = {"x", "y", "z"};
+  const Hamiltonian H = Hamiltonian(q, {"a", "b", "c"}, "(a^2 + b^2 + c^2)/2 + z + 0.3*x - 0.7*(x*b - y*a)")
+                            .constrained(Constraints(q, {{"rod", "x^2 + y^2 + z^2 - 1"}}));
+  const std::vector<double> begin = {0.6, 0.0, -0.8, 0.8, 0.5, 0.6};
+  const auto scheme = make_one_step_scheme(H, Midpoint{}, begin);
+  const auto tangent = make_orbit_tangent(H, Midpoint{}, false, begin);
+  const VectorXd z = Eigen::Map<const VectorXd>(begin.data(), 6), z_1 = stepped(*scheme, z, 0.1);
+  const MatrixXd T = carried(*tangent, z, z_1, 0.1, MatrixXd::Identity(6, 6));
+  for (int i = 0; i < 6; ++i) {
+    // The equations of the step lead to the constraint from beside it, too.
+    constexpr double by = 1e-3;
+    const auto to = [&](double shift) { return stepped(*scheme, z + shift * by * VectorXd::Unit(6, i), 0.1); };
+    CHECK((T.col(i) - (8.0 * (to(1) - to(-1)) - (to(2) - to(-2))) / (12.0 * by)).cwiseAbs().maxCoeff() < 1e-10);
+  }
+}
+
+TEST_CASE("variations of the double pendulum with constraints are those in its angles") {
+  // To t = 3, by schemes of order 8 and 12: what is left is of order h⁸.
+  constexpr double h = 0.02;
+  constexpr int steps = 150;
+  const std::vector<double> angles = {1.0, 0.3}, rates = {0.4, -0.2};
+  const auto reference = make_one_step_scheme(double_pendulum_in_angles(), Gauss{6}, angles, rates);
+  const auto reference_tangent =
+      make_orbit_tangent(make_one_step_scheme(double_pendulum_in_angles(), Gauss{6}, angles, rates));
+  const auto rate_of = [](const VectorXd& s) {  // from momenta
+    const double c = std::cos(s[0] - s[1]), determinant = 2.0 - c * c;
+    return Vector4d(s[0], s[1], (s[2] - c * s[3]) / determinant, (2.0 * s[3] - c * s[2]) / determinant);
+  };
+  const auto derivatives = [&](const VectorXd& s) {  // of Cartesian coordinates by angles and their momenta
+    MatrixXd result(4, 4);
+    for (int i = 0; i < 4; ++i) {
+      constexpr double by = 1e-3;
+      const auto at = [&](double shift) { return rate_of(s + shift * by * VectorXd::Unit(4, i)); };
+      result.col(i) = (8.0 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12.0 * by);
+    }
+    return MatrixXd(chart_derivatives(rate_of(s)) * result);
+  };
+  VectorXd s = Eigen::Map<const VectorXd>(reference->state().data(), 4);
+  MatrixXd of_angles = MatrixXd::Identity(4, 4);
+  const MatrixXd begin = derivatives(s);
+  for (int k = 0; k < steps; ++k) {
+    const VectorXd next = stepped(*reference, s, h);
+    of_angles = carried(*reference_tangent, s, next, h, of_angles);
+    s = next;
+  }
+  const MatrixXd expected = derivatives(s) * of_angles;
+  REQUIRE(expected.cwiseAbs().maxCoeff() > 1.5);
+  const auto distance = [&](const Method& method) {
+    Mapped map = map_of(method);
+    VectorXd z = chart(Vector4d(1.0, 0.3, 0.4, -0.2));
+    MatrixXd columns = begin;
+    for (int k = 0; k < steps; ++k) {
+      const VectorXd next = stepped(*map.scheme, z, h);
+      columns = carried(*map.tangent, z, next, h, columns);
+      z = next;
+    }
+    return (columns - expected).cwiseAbs().maxCoeff();
+  };
+  CHECK(distance({Splitting{"kahan-li-8"}, 8, true}) < 1e-9);
+  CHECK(distance({Gauss{4}, 8}) < 1e-9);
+  CHECK(distance({Lobatto{5}, 8}) < 1e-9);
+  // The twin: of order 2 there is its error.
+  CHECK(distance(verlet) > 1e-5);
 }
 
 TEST_CASE("a scheme with constraints continues from what it saved to the same bits") {

@@ -11,6 +11,7 @@
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
+#include <rubato/run/solve.hpp>
 
 #include "records.hpp"
 
@@ -160,6 +161,95 @@ TEST_CASE("events, ensembles and a catalogue's system have constraints", "[run][
   CHECK(from.hamiltonian()->constraints.size() == 1);
 }
 
+TEST_CASE("exponents of the double pendulum do not depend on its coordinates", "[run][constraints]") {
+  // A chaotic orbit, whose two integrations part: exponents agree as far as those of any two parts of it.
+  const Folder folder;
+  const auto exponents_of = [&](const std::string& name) {
+    const std::vector<std::string> settings = {"scheme.levels=fixed", "scheme.until=1000", "scheme.tangents=\"all\"",
+                                               "scheme.step=0.05",    "scheme.stages=4",   "output.every=1000"};
+    const Outcome outcome = run_problem(name, folder / "exponents.h5", settings);
+    CHECK(outcome.statistics.tangents.defect.largest() < 1e-13);
+    std::vector<double> exponents;
+    for (std::size_t i = 0; i < 4; ++i) {
+      exponents.push_back(outcome.statistics.exponent(i));
+    }
+    return exponents;
+  };
+  const std::vector<double> angles = exponents_of("double-pendulum"),
+                            places = exponents_of("double-pendulum-cartesian");
+  CHECK(places[0] > 0.1);
+  CHECK(places[0] == Approx(angles[0]).epsilon(0.1));
+  // The volume of phase space stays; in Cartesian coordinates to what a bounded factor makes of it.
+  CHECK(std::abs(places[0] + places[1] + places[2] + places[3]) < 1e-2);
+}
+
+TEST_CASE("[solve] finds orbits with constraints, and their check", "[run][constraints]") {
+  const Folder folder;
+  const std::string file = folder / "solved.h5";
+  const auto solved = [&](const std::string& text, const std::vector<std::string>& settings = {}) {
+    SolveOutcome outcome =
+        solve_problem(parse_problem(text, "text.toml", settings), {.output = file, .overwrite = true});
+    INFO(outcome.message);
+    REQUIRE(outcome.status == ExitStatus::done);
+    CHECK(check(file).status == ExitStatus::done);
+    return outcome;
+  };
+  // From rest to a place in a given time.
+  const std::string rod_to = rod(length, "", "[solve]\nends = { a_0 = 0, x_1 = 0.5 }\ntime = 2.2\n");
+  const std::vector<std::string> guess = {"initial.x=-0.96", "initial.y=-0.28", "initial.a=0", "initial.b=0",
+                                          "scheme.until=2.2"};
+  const auto end_of = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> settings = guess;
+    settings.insert(settings.end(), more.begin(), more.end());
+    solved(rod_to, settings);
+    return last_row(Reader(file), "/states/p");
+  };
+  // The same in the angle, where x = sin q and (a, b) = p (cos q, sin q).
+  const auto end_in_angle = [&](double h) {
+    const std::string text =
+        "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"p^2/2 - cos(q)\"\n[initial]\nq = -1.287\np = "
+        "0\n[solve]\nends = [\"p_0 = 0\", \"sin(q_1) = 0.5\"]\ntime = 2.2\n[scheme]\nlevels = "
+        "\"fixed\"\nlagrangian = \"gauss\"\nstages = 4\nuntil = 2.2\nstep = " +
+        std::to_string(h) + "\n";
+    solved(text);
+    const double q = last_row(Reader(file), "/states/q")[0], p = last_row(Reader(file), "/states/p")[0];
+    return std::vector<double>{p * std::cos(q), p * std::sin(q)};
+  };
+  const std::vector<double> exact = end_in_angle(0.05);
+  CHECK(largest_distance(end_of({"scheme.levels=fixed", "scheme.lagrangian=splitting", "scheme.composition=kahan-li-8",
+                                 "scheme.step=0.1"}),
+                         exact) < 1e-9);
+  for (const std::string levels : {"fixed", "variable"}) {
+    const double coarse = largest_distance(end_of({"scheme.levels=" + levels, "scheme.step=0.1"}), exact),
+                 fine = largest_distance(end_of({"scheme.levels=" + levels, "scheme.step=0.05"}), exact);
+    CAPTURE(levels, coarse, fine);
+    CHECK(std::abs(std::log2(coarse / fine) - 2.0) < 0.3);
+  }
+
+  // A branch: the rod grows.
+  const SolveOutcome branch = solved(
+      rod("length = \"x^2 + y^2 - l^2\"", "levels = \"fixed\"",
+          "[parameters]\nl = 1\n[solve]\nends = { a_0 = 0, x_1 = 0.5 }\ntime = 2.2\ncontinue = { parameter = \"l\", "
+          "to = 1.2 }\n"),
+      guess);
+  const std::vector<double> place = last_row(Reader(file), "/states/q");
+  CHECK(std::hypot(place[0], place[1]) == Approx(1.2).epsilon(1e-12));
+  CHECK(branch.branch.size() > 2);
+
+  // A swing as a symmetric periodic orbit of a given energy, with two multipliers, both 1.
+  const SolveOutcome swing =
+      solved(rod(length, "levels = \"fixed\"",
+                 "[solve]\nends = \"symmetric\"\nmirror = [\"a\", \"b\"]\nperiod = \"free\"\nenergy = -0.28\n"),
+             {"initial.x=-0.95", "initial.y=-0.3122498999199199", "initial.a=0", "initial.b=0", "scheme.until=7.4"});
+  CHECK(swing.closes);
+  REQUIRE(swing.multipliers.size() == 2);
+  CHECK(std::abs(swing.multipliers[0] - 1.0) < 1e-6);
+
+  // The twin: a state that is moved off the rod.
+  falsify(file, "/states/q", 6, 1e-9);
+  CHECK(check(file).status == ExitStatus::contradiction);
+}
+
 TEST_CASE("constraints that cannot be met are refused with a remedy", "[run][constraints]") {
   CHECK(refusal(rod(length)).empty());
   CHECK(refusal(rod(length, "")).empty());
@@ -181,7 +271,14 @@ TEST_CASE("constraints that cannot be met are refused with a remedy", "[run][con
   says(rod(length, "lagrangian = \"splitting\"\ncomposition = \"golden\""), "verlet, suzuki-4, kahan-li-6, kahan-li-8");
   says(rod(length, "lagrangian = \"splitting\"\norder = 3"), "order = 3");
   says(rod(length, "lagrangian = \"splitting\"\norder = 4\ncomposition = \"verlet\""), "is of order 2");
-  says(rod(length, "lagrangian = \"splitting\"\ntangents = 1"), "tangents are not available with [constraints]");
+  says(rod(length, "lagrangian = \"splitting\"\ntangents = 3"), "a phase space of dimension 2 has no more than 2");
+  says(rod("length = \"x^2 + y^2 - l^2\"", "lagrangian = \"splitting\"\ntangents = { parameters = [\"l\"] }",
+           "[parameters]\nl = 1\n"),
+       "names l, and a start that is held fixed would not satisfy it");
+
+  says(rod(length, "lagrangian = \"gauss\"\nstages = 2", "[solve]\nends = { a_0 = 0 }\n"), "are not available for");
+  says(rod(length, "", "[solve]\nends = { a_0 = 0 }\n"), "less two for each constraint");
+  says(rod(length, "", "[solve]\nends = \"connection\"\n"), "coordinates that need no constraint");
   says(rod(length), "needs an H that does not name t", {"hamiltonian.H=\"(a^2 + b^2)/2 + y*cos(t)\""});
   says(rod(length), "no time_scale", {"scheme.time_scale=\"2\""});
   says(rod(length), "a = 0.73", {"initial.a=0.7"});
