@@ -22,8 +22,7 @@ using Eigen::VectorXd;
 class ConstrainedMidpoint final : public ConstrainedState {
 public:
   ConstrainedMidpoint(const Hamiltonian& hamiltonian, std::span<const double> z_0)
-      : ConstrainedState(hamiltonian, hamiltonian.expression(),
-                         static_cast<Index>(z_0.size() + hamiltonian.constraints().count()), z_0),
+      : ConstrainedState(hamiltonian, static_cast<Index>(z_0.size() + hamiltonian.constraints().count()), z_0),
         solver_(static_cast<int>(2 * n_ + c_)),
         gradient_rounding_(hamiltonian.gradient_code()) {
     middle_.setZero(2 * n_);
@@ -32,6 +31,7 @@ public:
     first_G_.setZero(c_, n_);
     hessian_.setZero(2 * n_, 2 * n_);
     correction_.setZero(2 * n_ + c_);
+    last_correction_.setZero(2 * n_ + c_);
     mu_.setZero(c_);
     matrix_.setZero(2 * n_ + c_, 2 * n_ + c_);
   }
@@ -51,6 +51,7 @@ private:
     if (const Status status = iterate(h); status != Status::success) {
       return status;
     }
+    entries_ = at_.entries();
     delta_ = unknowns_.head(2 * n_);
     at_.kick(first_entries_, mu_, delta_.data() + n_);
     return Status::success;
@@ -93,9 +94,9 @@ private:
         return Status::undefined;
       }
       factored = size <= slowest_multipliers * last;
-      settled = size / last * size <= tuning::least_leftover || size <= epsilon ||
-                (size >= 0.5 * last && residual_is_rounding(h));
+      settled = size / last * size <= tuning::least_leftover || size <= epsilon || (size >= 0.5 * last && stagnates(h));
       last = size;
+      last_correction_ = correction_;
     }
     return Status::not_converged;
   }
@@ -139,11 +140,12 @@ private:
     return Status::success;
   }
 
-  /// Whether what the last correction mended is no more than the rounding error of the equations, each in its own
-  /// units.
-  [[nodiscard]] bool residual_is_rounding(double h) {
+  /// Whether nothing more is to be had of any coordinate or momentum, each in its own units: what the last correction
+  /// mended is no more than the rounding error of the equation, or, where elimination rounds more, corrections no
+  /// longer shrink.
+  [[nodiscard]] bool stagnates(double h) {
     constexpr double unit = 0.5 * epsilon;
-    if (!(at_.left(at_end_.data()).in_roundings <= roundings_of_start)) {
+    if (!(at_.left(at_end_.data()).relative <= stagnant_constraint)) {
       return false;
     }
     // The middle before the correction, and what it was made of, are rounded.
@@ -154,9 +156,12 @@ private:
     }
     gradient_rounding_.run(as_span(std::as_const(middle_)), as_span(std::as_const(errors_)));
     for (Index i = 0; i < 2 * n_; ++i) {
+      const double size = std::abs(correction_[i]), increment = unknowns_[i] + correction_[i];
+      if (size >= 0.5 * std::abs(last_correction_[i]) && size <= stagnant_constraint * std::abs(middle_[i])) {
+        continue;
+      }
       const Index slope = i < n_ ? n_ + i : i - n_;
-      const double increment = unknowns_[i] + correction_[i], sign = i < n_ ? -1.0 : 1.0;
-      const double residual = std::abs(increment + sign * h * gradient_[slope]);
+      const double residual = std::abs(increment + (i < n_ ? -h : h) * gradient_[slope]);
       const double bound = std::abs(h) * gradient_rounding_.bound(static_cast<std::size_t>(1 + slope));
       if (!(residual <= 2.0 * unit * (bound + 4.0 * std::abs(increment)))) {
         return false;
@@ -179,7 +184,7 @@ private:
 
   solve::DenseSolver solver_;
   formula::RoundingEvaluator gradient_rounding_;
-  VectorXd middle_, gradient_, first_entries_, mu_, correction_;
+  VectorXd middle_, gradient_, first_entries_, mu_, correction_, last_correction_;
   MatrixXd first_G_, hessian_, matrix_;
 };
 

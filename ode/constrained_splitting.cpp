@@ -1,6 +1,7 @@
 #include <rubato/ode/constrained_splitting.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -25,7 +26,7 @@ using namespace tuning::constraints;
 using Eigen::Index;
 using Eigen::VectorXd;
 
-/// V, its gradient and the entries of G at a node.
+/// V, its gradient and the entries of G at a level.
 struct ConstrainedNode {
   VectorXd q, force, entries;  ///< force: ∇V
   double V = 0.0;
@@ -37,7 +38,7 @@ class ConstrainedSplitting final : public ConstrainedState {
 public:
   ConstrainedSplitting(const Hamiltonian& hamiltonian, const Separation& halves, const Composition& composition,
                        std::span<const double> z_0)
-      : ConstrainedState(hamiltonian, halves.T,
+      : ConstrainedState(hamiltonian,
                          std::ranges::count_if(composition.parts, &Composition::Part::drift) *
                              static_cast<Index>(hamiltonian.constraints().count()),
                          z_0),
@@ -45,14 +46,15 @@ public:
         graph_(hamiltonian.graph()),
         T_(halves.T, std::span(hamiltonian.variables()).last(static_cast<std::size_t>(n_))),
         V_(halves.V, std::span(hamiltonian.variables()).first(static_cast<std::size_t>(n_))),
-        potential_(V_.code) {
+        potential_(V_.code),
+        drift_(halves.T, hamiltonian.variables(), constraints_, ConstrainedKick::Then::drift) {
     rounding_magnitude_ = composition.magnitude();
-    for (ConstrainedNode* node : {&here_, &there_, &node_}) {
+    for (ConstrainedNode* node : {&here_, &there_}) {
       node->q.setZero(n_);
       node->force.setZero(n_);
       node->entries.setZero(static_cast<Index>(constraints_.places().size()));
     }
-    begun_.setZero(2 * n_);
+    kicked_.setZero(n_);
     mu_.setZero(c_);
   }
 
@@ -68,6 +70,9 @@ private:
   void start_on_tangent(double) override { unknowns_.setZero(); }
 
   [[nodiscard]] Status step(double h) override {
+    drift_.z() = z_.value();
+    drift_.low() = z_.low();
+    drift_.delta().setZero();
     if (!here_.known) {
       here_.q = z_.value().head(n_);
       evaluate_potential(here_);
@@ -75,26 +80,27 @@ private:
       here_.entries = at_.entries();
       here_.known = true;
     }
-    delta_.setZero();
+    drift_.entries() = here_.entries;
     energy_ = 0.0;
-    node_ = here_;
+    const ConstrainedNode* node = &here_;
     Index drift = 0;
     for (const Composition::Part& part : composition_.parts) {
       if (!part.drift) {
-        delta_.tail(n_) -= part.length * h * node_.force;
-        energy_ += part.length * node_.V;
+        drift_.delta().tail(n_) -= part.length * h * node->force;
+        energy_ += part.length * node->V;
         continue;
       }
       if (const Status status = drift_to_constraint(part.length * h, c_ * drift++); status != Status::success) {
         return status;
       }
-      energy_ += part.length * kinetic_.value();
-      node_.q = at_end_.head(n_);
-      node_.entries = at_.entries();
-      evaluate_potential(node_);
+      energy_ += part.length * drift_.energy();
+      there_.q = drift_.there().head(n_);
+      evaluate_potential(there_);
+      node = &there_;
     }
-    there_ = node_;
+    there_.entries = entries_ = drift_.entries();
     there_.known = true;
+    delta_ = drift_.delta();
     return Status::success;
   }
 
@@ -107,40 +113,34 @@ private:
   /// p -= Gᵀμ and q += length ∇T(p), with g = 0 at its end, by Newton's method for μ; its matrix is kept as long as
   /// corrections shrink fast. \param first the place of μ in unknowns_
   [[nodiscard]] Status drift_to_constraint(double length, Index first) {
-    mu_ = unknowns_.segment(first, c_);
-    begun_ = delta_;
+    drift_.length() = length;
+    auto mu = unknowns_.segment(first, c_);
     double last = std::numeric_limits<double>::infinity();
     bool factored = false;
     for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
       ++iterations_;
-      delta_ = begun_;
-      at_.kick(node_.entries, mu_, delta_.data() + n_);
-      displace(n_, 2 * n_);
-      kinetic_.evaluate(at_end_.data());
-      for (Index a = 0; a < n_; ++a) {
-        delta_[a] += length * kinetic_.velocity()[a];
-      }
-      displace(0, n_);
-      at_.evaluate(at_end_.data());
-      if (!at_.is_finite()) {
+      drift_.mu() = mu;
+      drift_.evaluate();
+      const ConstraintEvaluator::Left left = drift_.left();
+      if (!std::isfinite(left.relative)) {
         return Status::undefined;
       }
-      const ConstraintEvaluator::Left left = at_.left(at_end_.data());
       if (left.in_roundings <= roundings_of_step ||
           (left.relative >= 0.5 * last && left.relative <= stagnant_constraint)) {
-        unknowns_.segment(first, c_) = mu_;
+        drift_.delta() = drift_.delta_there();
+        drift_.entries() = drift_.entries_there();
         return Status::success;
       }
       if (!factored || left.relative > slowest_multipliers * last) {
-        if (const Status status = factor(length, node_.entries); status != Status::success) {
+        if (const Status status = factor(drift_); status != Status::success) {
           return status;
         }
         factored = true;
       }
       last = left.relative;
-      rates_ = at_.g();
-      multiplier_solver_.solve(rates_.data());
-      mu_ += rates_;
+      rates_ = drift_.values();
+      solve_multipliers();
+      mu += rates_;
     }
     return Status::not_converged;
   }
@@ -160,6 +160,8 @@ private:
       }
     };
     std::ranges::fill(energies, 0.0);
+    drift_.low().setZero();
+    drift_.delta().setZero();
     at_end_ = z_.value() + z_.low();
     at_.evaluate(at_end_.data());
     Index drift = 0;
@@ -178,30 +180,32 @@ private:
         continue;
       }
       const double length = part.length * h;
-      node_.entries = at_.entries();
       mu_ = unknowns_.segment(c_ * drift++, c_);
       vary_gradients(at_end_.data(), mu_, columns);
-      at_.kick(node_.entries, mu_, at_end_.data() + n_);
+      drift_.z() = at_end_;
+      drift_.entries() = at_.entries();
+      drift_.mu() = mu_;
+      drift_.length() = length;
+      drift_.evaluate();
+      at_end_ = drift_.there();
+      at_.evaluate(at_end_.data());
       T.evaluate({at_end_.data() + n_, size});
-      const Eigen::Map<const VectorXd> velocity(T.gradient().data(), n_);
       for (Index i = 0; i < k; ++i) {
         T.shear(length, columns.col(i).data() + n_, columns.col(i).data());
       }
       if (by_h < k) {
-        columns.col(by_h).head(n_) += part.length * velocity;
+        columns.col(by_h).head(n_) += part.length * Eigen::Map<const VectorXd>(T.gradient().data(), n_);
       }
-      at_end_.head(n_) += length * velocity;
-      at_.evaluate(at_end_.data());
-      if (const Status status = factor(length, node_.entries); status != Status::success) {
+      if (const Status status = factor(drift_); status != Status::success) {
         return status;
       }
       for (Index i = 0; i < k; ++i) {
         rates_.noalias() = at_.G().lazyProduct(columns.col(i).head(n_));
-        multiplier_solver_.solve(rates_.data());
-        begun_.setZero();
-        at_.kick(node_.entries, rates_, begun_.data() + n_);
-        T.shear(length, begun_.data() + n_, columns.col(i).data());
-        columns.col(i).tail(n_) += begun_.tail(n_);
+        solve_multipliers();
+        kicked_.setZero();
+        at_.kick(drift_.entries(), rates_, kicked_.data());
+        T.shear(length, kicked_.data(), columns.col(i).data());
+        columns.col(i).tail(n_) += kicked_;
       }
       add_energies(part.length, T, n_);
     }
@@ -217,8 +221,9 @@ private:
   SplittingHalf T_, V_;
   formula::ScalarEvaluator potential_;
   std::optional<Halves> halves_;  ///< where tangents are asked for
-  ConstrainedNode here_, there_, node_;
-  VectorXd mu_, begun_;
+  ConstrainedKick drift_;
+  ConstrainedNode here_, there_;
+  VectorXd mu_, kicked_;
 };
 
 }  // namespace

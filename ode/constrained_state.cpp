@@ -15,65 +15,24 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-KineticDerivatives::KineticDerivatives(formula::Expression T, std::span<const formula::Expression> variables,
-                                       const Constraints& constraints)
-    : places_(constraints.places()), count_(constraints.count()) {
-  const std::span<const formula::Expression> momenta = variables.last(variables.size() / 2);
-  std::vector<formula::Expression> outputs = {T}, second;
-  std::ranges::copy(formula::gradient(T, momenta), std::back_inserter(outputs));
-  for (const formula::HessianEntry& entry : formula::hessian_entries(T, momenta)) {
-    const auto add = [&](std::size_t from, std::size_t to) {
-      for (std::size_t k = 0; k < places_.size(); ++k) {
-        if (places_[k].column == from) {
-          terms_.push_back({second.size(), k, places_[k].row + count_ * to});
-        }
-      }
-    };
-    add(entry.row, entry.column);
-    if (entry.row != entry.column) {
-      add(entry.column, entry.row);
-    }
-    second.push_back(entry.value);
-  }
-  first_ = formula::ScalarEvaluator(formula::Bytecode(outputs, variables));
-  second_ = formula::ScalarEvaluator(formula::Bytecode(second, variables));
-  product_.assign(count_ * momenta.size(), 0.0);
-}
-
-void KineticDerivatives::multiplier_matrix(const double* z, double length, const VectorXd& entries_1,
-                                           const VectorXd& entries_0, Eigen::MatrixXd& matrix) {
-  const double* const second = second_.at(z);
-  std::ranges::fill(product_, 0.0);
-  for (const Term& term : terms_) {
-    product_[term.target] += second[term.second] * entries_0[static_cast<Index>(term.entry)];
-  }
-  matrix.setZero();
-  const double* entry = entries_1.data();
-  for (const auto [row, column] : places_) {
-    const double factor = length * *entry++;
-    for (std::size_t j = 0; j < count_; ++j) {
-      matrix(static_cast<Index>(row), static_cast<Index>(j)) += factor * product_[j + count_ * column];
-    }
-  }
-}
-
-ConstrainedState::ConstrainedState(const Hamiltonian& hamiltonian, formula::Expression T, Index unknowns,
-                                   std::span<const double> z_0)
+ConstrainedState::ConstrainedState(const Hamiltonian& hamiltonian, Index unknowns, std::span<const double> z_0)
     : OneStepState(hamiltonian, z_0),
       constraints_(hamiltonian.constraints()),
       n_(static_cast<Index>(z_0.size()) / 2),
       c_(static_cast<Index>(constraints_.count())),
       at_(constraints_),
-      kinetic_(T, hamiltonian.variables(), constraints_),
-      multiplier_solver_(static_cast<int>(c_)),
       history_(unknowns),
       q_names_(hamiltonian.q_names()),
-      energy_size_(hamiltonian.size_code()) {
+      projection_(hamiltonian.expression(), hamiltonian.variables(), constraints_, ConstrainedKick::Then::projection),
+      energy_size_(hamiltonian.size_code()),
+      multiplier_solver_(static_cast<int>(c_)) {
   unknowns_.setZero(unknowns);
   at_end_.setZero(2 * n_);
   errors_.setZero(2 * n_);
   rates_.setZero(c_);
+  entries_.setZero(static_cast<Index>(constraints_.places().size()));
   nu_.setZero(c_);
+  multiplier_units_.setOnes(c_);
   matrix_.setZero(c_, c_);
 }
 
@@ -168,56 +127,72 @@ NodeEnergy ConstrainedState::node_at(const VectorXd& z) {
 
 void ConstrainedState::check_start(std::span<const std::string> p_names) {
   delta_.setZero();
-  displace(0, 2 * n_);
-  at_.evaluate(at_end_.data());
-  kinetic_.evaluate(at_end_.data());
-  at_.rates(kinetic_.velocity(), rates_);
-  if (at_.left(rates_, kinetic_.velocity()).in_roundings <= roundings_of_start) {
-    return;
+  at_.evaluate(z_.value().data());
+  entries_ = at_.entries();
+  const Status found = project();
+  const VectorXd projection = projection_.there().tail(n_);
+  projection_.mu().setZero();
+  projection_.evaluate();
+  if (!(projection_.left().in_roundings <= roundings_of_start)) {
+    refuse_start_off_hidden(constraints_, projection_.values(),
+                            found == Status::success ? listed(p_names, projection) : std::string());
   }
-  const VectorXd rates = rates_;
-  const bool found = project() == Status::success;
-  refuse_start_off_hidden(constraints_, rates, found ? listed(p_names, at_end_.tail(n_)) : std::string());
 }
 
 /// p -= Gᵀν with G H_p = 0 at the end of the step.
 Status ConstrainedState::project() {
+  projection_.z() = z_.value();
+  projection_.low() = z_.low();
+  projection_.delta() = delta_;
+  projection_.entries() = entries_;
   nu_.setZero();
   double last = std::numeric_limits<double>::infinity();
-  displace(0, n_);
   for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
-    displace(n_, 2 * n_);
-    kinetic_.evaluate(at_end_.data());
-    at_.rates(kinetic_.velocity(), rates_);
-    const ConstraintEvaluator::Left left = at_.left(rates_, kinetic_.velocity());
+    projection_.mu() = nu_;
+    projection_.evaluate();
+    const ConstraintEvaluator::Left left = projection_.left();
     if (!std::isfinite(left.relative)) {
       return Status::undefined;
     }
     if (left.in_roundings <= roundings_of_step ||
         (left.relative >= 0.5 * last && left.relative <= stagnant_constraint)) {
+      delta_.tail(n_) = projection_.delta_there().tail(n_);
       return Status::success;
     }
     if (iteration == 0 || left.relative > slowest_multipliers * last) {
-      if (const Status status = factor(1.0, at_.entries()); status != Status::success) {
+      if (const Status status = factor(projection_); status != Status::success) {
         return status;
       }
     }
     last = left.relative;
-    multiplier_solver_.solve(rates_.data());
+    rates_ = projection_.values();
+    solve_multipliers();
     nu_ += rates_;
-    at_.kick(at_.entries(), rates_, delta_.data() + n_);
   }
   return Status::not_converged;
 }
 
-Status ConstrainedState::factor(double length, const VectorXd& entries_0) {
-  kinetic_.multiplier_matrix(at_end_.data(), length, at_.entries(), entries_0, matrix_);
+Status ConstrainedState::factor(const ConstrainedKick& kick) {
+  kick.matrix(matrix_);
+  for (Index i = 0; i < c_; ++i) {  // by powers of 2, so that the units of constraints do not choose the pivots
+    const double size = std::abs(matrix_(i, i));
+    multiplier_units_[i] = std::isnormal(size) ? std::ldexp(1.0, -(std::ilogb(size) / 2)) : 1.0;
+  }
+  matrix_ = multiplier_units_.asDiagonal() * matrix_ * multiplier_units_.asDiagonal();
   if (multiplier_solver_.factor(matrix_.data()) == Status::success &&
       multiplier_solver_.rcond_estimate() > least_multiplier_pivot) {
     return Status::success;
   }
+  at_end_ = kick.there();
+  at_.evaluate(at_end_.data());
   dependent_ = at_.dependent();
   return Status::undefined;
+}
+
+void ConstrainedState::solve_multipliers() {
+  rates_ = rates_.cwiseProduct(multiplier_units_);
+  multiplier_solver_.solve(rates_.data());
+  rates_ = rates_.cwiseProduct(multiplier_units_);
 }
 
 ConstrainedState::Second& ConstrainedState::second() {
@@ -245,10 +220,21 @@ Status ConstrainedState::vary(std::span<double> columns, std::span<double> energ
   return vary_projection(nu_, all);
 }
 
+/// Factors G H_pp Gᵀ at at_end_.
+Status ConstrainedState::factor_there() {
+  projection_.z() = at_end_;
+  projection_.low().setZero();
+  projection_.delta().setZero();
+  projection_.entries() = at_.entries();
+  projection_.mu().setZero();
+  projection_.evaluate();
+  return factor(projection_);
+}
+
 Status ConstrainedState::vary_projection(const VectorXd& nu, Columns columns) {
   vary_gradients(at_end_.data(), nu, columns);
   at_.kick(at_.entries(), nu, at_end_.data() + n_);
-  if (const Status status = factor(1.0, at_.entries()); status != Status::success) {
+  if (const Status status = factor_there(); status != Status::success) {
     return status;
   }
   Second& at = second();
@@ -258,7 +244,7 @@ Status ConstrainedState::vary_projection(const VectorXd& nu, Columns columns) {
     errors_.head(n_).noalias() = at.hessian.bottomRows(n_).lazyProduct(column);  // of H_p
     rates_.noalias() = at_.G().lazyProduct(errors_.head(n_));
     rates_ += by_q.lazyProduct(column.head(n_));
-    multiplier_solver_.solve(rates_.data());
+    solve_multipliers();
     at_.kick(at_.entries(), rates_, column.data() + n_);
   }
   return columns.allFinite() ? Status::success : Status::undefined;
@@ -267,7 +253,7 @@ Status ConstrainedState::vary_projection(const VectorXd& nu, Columns columns) {
 Status ConstrainedState::project_variations(std::span<double> columns) {
   at_end_ = z_.value();
   at_.evaluate(at_end_.data());
-  if (const Status status = factor(1.0, at_.entries()); status != Status::success) {
+  if (const Status status = factor_there(); status != Status::success) {
     return status;
   }
   Second& at = second();
@@ -275,7 +261,7 @@ Status ConstrainedState::project_variations(std::span<double> columns) {
   Columns all(columns.data(), 2 * n_, static_cast<Index>(columns.size()) / (2 * n_));
   for (auto column : all.colwise()) {
     rates_.noalias() = at_.G().lazyProduct(column.head(n_));
-    multiplier_solver_.solve(rates_.data());
+    solve_multipliers();
     errors_.tail(n_).noalias() = at_.G().transpose().lazyProduct(rates_);
     column.head(n_) -= at.hessian.bottomRightCorner(n_, n_).lazyProduct(errors_.tail(n_));
   }

@@ -5,39 +5,12 @@
 #include <string>
 #include <vector>
 
+#include <rubato/ode/constrained_kick.hpp>
 #include <rubato/ode/constraints.hpp>
 #include <rubato/ode/one_step_state.hpp>
 #include <rubato/solve/dense_solver.hpp>
 
 namespace rubato {
-
-/// H_p(z), and H_pp(z) beside entries of G.
-class KineticDerivatives {
-public:
-  /// \param T H, or its part that depends on momenta \param variables coordinates, then as many momenta
-  KineticDerivatives(formula::Expression T, std::span<const formula::Expression> variables,
-                     const Constraints& constraints);
-
-  void evaluate(const double* z) { outputs_ = first_.at(z); }
-  [[nodiscard]] double value() const { return outputs_[0]; }
-  [[nodiscard]] const double* velocity() const { return outputs_ + 1; }
-  /// matrix = length·G_1 H_pp(z) G_0ᵀ, of the entries of G_1 and G_0.
-  void multiplier_matrix(const double* z, double length, const Eigen::VectorXd& entries_1,
-                         const Eigen::VectorXd& entries_0, Eigen::MatrixXd& matrix);
-
-private:
-  /// An entry of H_pp times one of G_0, added to one of G_0 H_pp.
-  struct Term {
-    std::size_t second, entry, target;
-  };
-
-  formula::ScalarEvaluator first_, second_;
-  std::vector<Constraints::Place> places_;  ///< of G
-  std::vector<Term> terms_;
-  std::vector<double> product_;  ///< G_0 H_pp, a column for each momentum
-  std::size_t count_;
-  const double* outputs_ = nullptr;
-};
 
 /// What schemes for H with constraints share. Their unknowns, multipliers among them, begin from a trial at the same
 /// level, or from those of the last steps, extrapolated; and steps end with p -= Gᵀν such that G H_p = 0.
@@ -75,11 +48,11 @@ protected:
   using Index = Eigen::Index;
   using Columns = Eigen::Map<Eigen::MatrixXd>;  ///< variations (δq, δp)
 
-  /// \param T as KineticDerivatives \param unknowns of a step, about proportional to its length
-  ConstrainedState(const Hamiltonian& hamiltonian, formula::Expression T, Index unknowns, std::span<const double> z_0);
+  /// \param unknowns of a step, about proportional to its length
+  ConstrainedState(const Hamiltonian& hamiltonian, Index unknowns, std::span<const double> z_0);
 
-  /// A trial step from unknowns_, which it improves; fills in δ, but for the projection, and the discrete energy, and
-  /// leaves the constraints evaluated at its end.
+  /// A trial step from unknowns_, which it improves; fills in δ, but for the projection, the discrete energy, and
+  /// entries_ at its end.
   [[nodiscard]] virtual Status step(double h) = 0;
   /// The derivatives of step(), of columns as for linearise(), or for tangent() with no energies. It takes the step
   /// once more with the multipliers known, ends with the constraints evaluated at its end and with at_end_ there, p
@@ -90,24 +63,19 @@ protected:
   /// Where what begins at this level is not known.
   virtual void forget_level() {}
 
-  /// The numbers from `first` to `last` of z + δ, into at_end_.
-  void displace(Index first, Index last) {
-    for (Index i = first; i < last; ++i) {
-      at_end_[i] = z_.value()[i] + (z_.low()[i] + delta_[i]);
-    }
-  }
-  /// Factors length·G H_pp G_0ᵀ at at_end_. \return Status::undefined where constraints depend on each other
-  [[nodiscard]] Status factor(double length, const Eigen::VectorXd& entries_0);
+  /// Factors the matrix of the multipliers. \return Status::undefined where constraints depend on each other
+  [[nodiscard]] Status factor(const ConstrainedKick& kick);
+  /// Replaces rates_ by its solution.
+  void solve_multipliers();
   /// δp -= ∂²(μᵀg)/∂q∂q δq at q, the part of a kick Gᵀμ that G has.
   void vary_gradients(const double* q, const Eigen::Ref<const Eigen::VectorXd>& mu, Columns columns);
 
   Constraints constraints_;
   Index n_, c_;
   ConstraintEvaluator at_;
-  KineticDerivatives kinetic_;
-  solve::DenseSolver multiplier_solver_;
   Eigen::VectorXd unknowns_;                  ///< of the trial
   Eigen::VectorXd at_end_, rates_;            ///< z_{k+1} as far as it is known
+  Eigen::VectorXd entries_;                   ///< of G at the end of the trial
   double energy_ = 0.0;                       ///< of the trial
   double rounding_magnitude_ = 1.0;           ///< that of energy_size(), beside one evaluation of H
   VelocityHistory<Eigen::VectorXd> history_;  ///< of unknowns_
@@ -131,9 +99,13 @@ private:
   void start_level();
   [[nodiscard]] bool continue_from_before(double h);
   [[nodiscard]] Status project();
+  [[nodiscard]] Status factor_there();
 
   std::vector<std::string> q_names_;
+  ConstrainedKick projection_;
   formula::SumSizeEvaluator energy_size_;
+  solve::DenseSolver multiplier_solver_;
+  Eigen::VectorXd multiplier_units_;
   Eigen::MatrixXd matrix_;
   Eigen::VectorXd nu_;  ///< multipliers of the projection
   std::optional<Second> second_;

@@ -143,22 +143,10 @@ void ConstraintEvaluator::evaluate(const double* q) {
   }
 }
 
-void ConstraintEvaluator::kick(const VectorXd& entries, const VectorXd& mu, double* p) const {
+void ConstraintEvaluator::kick(const Eigen::Ref<const VectorXd>& entries, const VectorXd& mu, double* p) const {
   const double* entry = entries.data();
   for (const auto [row, column] : constraints_.places()) {
     p[column] -= *entry++ * mu[static_cast<Index>(row)];
-  }
-}
-
-void ConstraintEvaluator::rates(const double* v, VectorXd& rates) const {
-  const Constraints::Place* const places = constraints_.places().data();
-  std::size_t k = 0;
-  for (std::size_t row = 0; row < ends_.size(); ++row) {
-    double sum = 0.0;
-    for (; k < ends_[row]; ++k) {
-      sum += entries_[static_cast<Index>(k)] * v[places[k].column];
-    }
-    rates[static_cast<Index>(row)] = sum;
   }
 }
 

@@ -84,9 +84,7 @@ public:
   [[nodiscard]] bool is_finite() const { return g_.allFinite() && entries_.allFinite(); }
 
   /// p -= Gᵀμ with these entries of G.
-  void kick(const Eigen::VectorXd& entries, const Eigen::VectorXd& mu, double* p) const;
-  /// rates = G v.
-  void rates(const double* v, Eigen::VectorXd& rates) const;
+  void kick(const Eigen::Ref<const Eigen::VectorXd>& entries, const Eigen::VectorXd& mu, double* p) const;
 
   /// What is left of g = 0 at q, or of G v = 0.
   struct Left {

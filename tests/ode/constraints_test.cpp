@@ -548,6 +548,49 @@ TEST_CASE("the midpoint rule with constraints does not depend on units, nor on h
   }
 }
 
+TEST_CASE("a small rod beside a large one is solved for as well as alone") {
+  // In units of their lengths the small one turns eight times as fast, so that it takes more iterations.
+  constexpr double length = 0x1p-30, step = 0.02;
+  constexpr int steps = 200;
+  const std::string large = "(a^2 + b^2)/2 + 9.81*y", small = "(c^2 + d^2)/2 + g*v";
+  const double gravity = 64.0 * 9.81 * length;
+  const auto orbit_of_small = [&](bool alone, double g) {
+    const std::vector<std::string> q = alone ? std::vector<std::string>{"u", "v"}
+                                             : std::vector<std::string>{"x", "y", "u", "v"},
+                                   p = alone ? std::vector<std::string>{"c", "d"}
+                                             : std::vector<std::string>{"a", "b", "c", "d"};
+    std::vector<std::pair<std::string, std::string>> rods_of = {{"small", "u^2 + v^2 - l^2"}};
+    std::vector<double> begin = {0.6 * length, -0.8 * length}, momenta = {6.4 * length, 4.8 * length};
+    if (!alone) {
+      rods_of.emplace_back("large", "x^2 + y^2 - 1");
+      begin.insert(begin.begin(), {0.6, -0.8});
+      momenta.insert(momenta.begin(), {0.8, 0.6});
+    }
+    const Hamiltonian H = Hamiltonian(q, p, alone ? small : small + " + " + large, {{"g", g}})
+                              .constrained(Constraints(q, rods_of, {{"l", length}}));
+    const Orbit orbit = integrate(H, InitialState{begin, momenta, 0.0}, options_of(Midpoint{}, step, step * steps));
+    REQUIRE(orbit.status == Status::success);
+    std::vector<double> places_of;
+    for (std::size_t k = 0; k < orbit.t.size(); ++k) {
+      const auto at = orbit.q_at(k);
+      places_of.push_back(at[at.size() - 2] / length);
+    }
+    return places_of;
+  };
+  const auto distance = [](const std::vector<double>& a, const std::vector<double>& b) {
+    double largest = 0.0;
+    for (std::size_t k = 0; k < a.size(); ++k) {
+      largest = std::max(largest, std::abs(a[k] - b[k]));
+    }
+    return largest;
+  };
+  const std::vector<double> alone = orbit_of_small(true, gravity);
+  // A rounding error in each step, carried along like the number of steps.
+  constexpr double rounding = 1e-15;
+  CHECK(distance(orbit_of_small(false, gravity), alone) < steps * steps * rounding);
+  CHECK(distance(orbit_of_small(false, gravity * (1.0 + 1e-9)), alone) > steps * steps * rounding);  // the twin
+}
+
 TEST_CASE("constraints of which one is linear in a coordinate that does not move hold exactly") {
   const std::vector<std::string> q = {"x", "y", "z"};
   const Hamiltonian H = Hamiltonian(q, {"a", "b", "c"}, "(a^2 + b^2 + c^2)/2 + y + 3*z")

@@ -11,6 +11,8 @@
 #include <rubato/record/reader.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/ensemble.hpp>
+#include <rubato/run/observed_run.hpp>
+#include <rubato/run/recorder.hpp>
 #include <rubato/run/run.hpp>
 
 #include "records.hpp"
@@ -103,6 +105,22 @@ TEST_CASE("exponents of a saddle are those of its equation", "[run][tangents]") 
   // Of order 2 it is another number: ln((1 + h/2)/(1 - h/2))/h = 1 + h²/12.
   const Outcome midpoint = run_text(saddle, folder / "midpoint.h5", {"scheme.lagrangian=midpoint", "-scheme.stages"});
   CHECK(midpoint.statistics.exponent(0) - outcome.statistics.exponent(0) == Approx(0.01 / 12.0).epsilon(1e-2));
+}
+
+TEST_CASE("a checkpoint without the units of its tangent vectors is not taken for one that has them",
+          "[run][tangents]") {
+  // As an earlier build wrote it, shorter by the units of the two coordinates: whichever numbers are missing, the rest
+  // are too few.
+  const Problem problem = parse_problem(oscillator, "text.toml", std::vector<std::string>{"scheme.tangents=2"});
+  ObservedRun observed(problem, false);
+  StateWriter state;
+  observed.save(state);
+  const std::vector<double> whole(state.values().begin(), state.values().end());
+  CHECK(restore({{"state", whole}}, observed));
+  CHECK_FALSE(restore({{"state", std::vector<double>(whole.begin(), whole.end() - 2)}}, observed));
+  std::vector<double> longer = whole;
+  longer.insert(longer.end(), {1.0, 1.0});
+  CHECK_FALSE(restore({{"state", longer}}, observed));
 }
 
 TEST_CASE("without tangents a run has the same bits", "[run][tangents]") {
