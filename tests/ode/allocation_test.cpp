@@ -6,6 +6,8 @@
 
 #ifdef RUBATO_COUNTS_ALLOCATIONS
 
+#include <memory>
+#include <string>
 #include <tuple>
 #include <vector>
 
@@ -126,6 +128,20 @@ TEST_CASE("a step of a splitting with a step potential allocates nothing") {
     REQUIRE(report.status == Status::success);
   }
   CHECK(allocated == 0);
+}
+
+TEST_CASE("a step with constraints allocates nothing") {
+  const std::vector<std::string> q = {"x", "y", "z"};
+  const Hamiltonian H = Hamiltonian(q, {"u", "v", "w"}, "(u^2 + v^2 + w^2)/2 + z")
+                            .constrained(Constraints(q, {{"rod", "x^2 + y^2 + z^2 - 1"}}));
+  const std::vector<double> z = {0.6, 0.0, -0.8, 0.0, 0.9, 0.0};
+  for (const Levels kind : {Levels::variable, Levels::fixed}) {
+    for (OneStepScheme* const scheme :
+         {make_splitting_scheme(H, composition("suzuki-4"), z).release(), make_midpoint_scheme(H, z).release()}) {
+      const std::unique_ptr<OneStepScheme> owned(scheme);
+      CHECK(allocations_in_steps(*owned, kind, [](const SegmentScheme&) {}) == 0);
+    }
+  }
 }
 
 TEST_CASE("an allocation in a step would be counted") {
