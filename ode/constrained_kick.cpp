@@ -107,15 +107,38 @@ ConstrainedKick::ConstrainedKick(Expression T, std::span<const Expression> varia
     g.resize(c);
   }
 
+  // What rounds in the factors of G: the coordinates, with what they moved by, or the velocities, with what the kicks
+  // made of them, which is more than they are where the motion turns round.
+  std::vector<Expression> sizes;
+  for (std::size_t i = 0; i < n; ++i) {
+    sizes.push_back(drifts ? abs(there[i]) + abs(moved[i]) : abs(v[i]));
+  }
+  if (!drifts) {
+    std::vector<Expression> kicks;
+    for (std::size_t i = n; i < 2 * n; ++i) {
+      kicks.push_back(abs(inputs[delta + i]));
+    }
+    for (std::size_t k = 0; k < places.size(); ++k) {
+      kicks[places[k].column] += abs(inputs[entry + k] * inputs[mu + places[k].row]);
+    }
+    for (std::size_t k = 0; k < hessian.size(); ++k) {
+      const std::size_t row = hessian[k].row, column = hessian[k].column;
+      const Expression size = abs(of_T[1 + n + k]);
+      sizes[row] += size * kicks[column];
+      if (row != column) {
+        sizes[column] += size * kicks[row];
+      }
+    }
+  }
   std::vector<std::optional<Expression>> rates(c), bounds(c), sums(c);
   std::optional<Expression> largest;
   for (std::size_t k = 0; k < places.size(); ++k) {
     const auto [row, column] = places[k];
     const Expression factor = drifts ? there[column] : v[column], size = abs(entries_there[k]);
     add_term(rates[row], entries_there[k] * factor);
-    add_term(bounds[row], size * abs(factor));
+    add_term(bounds[row], size * sizes[column]);
     add_term(sums[row], size);
-    largest = largest ? max(*largest, abs(factor)) : abs(factor);
+    largest = largest ? max(*largest, sizes[column]) : sizes[column];
   }
   SparseSum product, matrix;
   for (std::size_t k = 0; k < hessian.size(); ++k) {
@@ -161,22 +184,28 @@ ConstrainedKick::ConstrainedKick(Expression T, std::span<const Expression> varia
   evaluator_ = formula::ScalarEvaluator(formula::Bytecode(outputs, inputs));
 }
 
-ConstraintEvaluator::Left ConstrainedKick::left() const {
+bool ConstrainedKick::is_rounding(double roundings) const {
   constexpr double unit = 0.5 * std::numeric_limits<double>::epsilon();
-  constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
   const double *const bounds = outputs_ + c_, *const sums = bounds + c_;
-  ConstraintEvaluator::Left left;
+  bool all = true;
+  for (Index i = 0; i < c_; ++i) {
+    all = all && std::abs(outputs_[i]) <= roundings * unit * bounds[i] && std::isfinite(sums[i]);
+  }
+  return all;
+}
+
+double ConstrainedKick::relative() const {
+  const double* const sums = outputs_ + 2 * c_;
+  double largest = 0.0;
   for (Index i = 0; i < c_; ++i) {
     if (!std::isfinite(sums[i])) {
-      return {.in_roundings = undefined, .relative = undefined};
+      return std::numeric_limits<double>::quiet_NaN();
     }
     if (const double value = std::abs(outputs_[i]); value != 0.0) {
-      left.in_roundings = larger(left.in_roundings, value / (unit * bounds[i]));
-      left.relative = larger(left.relative, value / sums[i]);
+      largest = larger(largest, value / sums[i]);
     }
   }
-  left.relative = left.relative == 0.0 ? 0.0 : left.relative / sums[c_];
-  return left;
+  return largest == 0.0 ? 0.0 : largest / sums[c_];
 }
 
 void ConstrainedKick::matrix(Eigen::MatrixXd& matrix) const {

@@ -41,7 +41,10 @@ public:
   /// What is left of the equations.
   ///@{
   [[nodiscard]] Results values() const { return output(0, c_); }
-  [[nodiscard]] ConstraintEvaluator::Left left() const;  ///< not a number where something is not finite
+  /// True if that is no more than so many rounding errors of the coordinates, or velocities.
+  [[nodiscard]] bool is_rounding(double roundings) const;
+  /// Relative to G times the largest of these; not a number where something is not finite.
+  [[nodiscard]] double relative() const;
   ///@}
   /// Derivatives of the values are minus this, c × c.
   void matrix(Eigen::MatrixXd& matrix) const;

@@ -52,6 +52,7 @@ public:
     const MatrixXd& G = at.G();
     point_ << q, velocity;
     nu_.setZero();
+    const double before = velocity.lpNorm<Eigen::Infinity>();
     double last = std::numeric_limits<double>::infinity();
     for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
       if (factor(G) != Status::success) {
@@ -63,7 +64,8 @@ public:
       solver_.solve(unknown_.data());
       point_.tail(n_) += unknown_.head(n_);
       nu_ += unknown_.tail(nu_.size());
-      const double speed = point_.tail(n_).lpNorm<Eigen::Infinity>();
+      // Where the motion turns round velocities are less than what rounds in them.
+      const double speed = std::max(point_.tail(n_).lpNorm<Eigen::Infinity>(), before);
       const double size = unknown_.head(n_).lpNorm<Eigen::Infinity>() / std::max(speed, 1.0e-300);
       if (!std::isfinite(size)) {
         return Status::undefined;

@@ -121,23 +121,23 @@ private:
       ++iterations_;
       drift_.mu() = mu;
       drift_.evaluate();
-      const ConstraintEvaluator::Left left = drift_.left();
-      if (!std::isfinite(left.relative)) {
-        return Status::undefined;
-      }
-      if (left.in_roundings <= roundings_of_step ||
-          (left.relative >= 0.5 * last && left.relative <= stagnant_constraint)) {
+      const bool is_rounding = drift_.is_rounding(roundings_of_step);
+      const double relative = is_rounding ? 0.0 : drift_.relative();
+      if (is_rounding || (relative >= 0.5 * last && relative <= stagnant_constraint)) {
         drift_.delta() = drift_.delta_there();
         drift_.entries() = drift_.entries_there();
         return Status::success;
       }
-      if (!factored || left.relative > slowest_multipliers * last) {
+      if (!std::isfinite(relative)) {
+        return Status::undefined;
+      }
+      if (!factored || relative > slowest_multipliers * last) {
         if (const Status status = factor(drift_); status != Status::success) {
           return status;
         }
         factored = true;
       }
-      last = left.relative;
+      last = relative;
       rates_ = drift_.values();
       solve_multipliers();
       mu += rates_;

@@ -133,7 +133,7 @@ void ConstrainedState::check_start(std::span<const std::string> p_names) {
   const VectorXd projection = projection_.there().tail(n_);
   projection_.mu().setZero();
   projection_.evaluate();
-  if (!(projection_.left().in_roundings <= roundings_of_start)) {
+  if (!projection_.is_rounding(roundings_of_start)) {
     refuse_start_off_hidden(constraints_, projection_.values(),
                             found == Status::success ? listed(p_names, projection) : std::string());
   }
@@ -150,21 +150,21 @@ Status ConstrainedState::project() {
   for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
     projection_.mu() = nu_;
     projection_.evaluate();
-    const ConstraintEvaluator::Left left = projection_.left();
-    if (!std::isfinite(left.relative)) {
-      return Status::undefined;
-    }
-    if (left.in_roundings <= roundings_of_step ||
-        (left.relative >= 0.5 * last && left.relative <= stagnant_constraint)) {
+    const bool is_rounding = projection_.is_rounding(roundings_of_step);
+    const double relative = is_rounding ? 0.0 : projection_.relative();
+    if (is_rounding || (relative >= 0.5 * last && relative <= stagnant_constraint)) {
       delta_.tail(n_) = projection_.delta_there().tail(n_);
       return Status::success;
     }
-    if (iteration == 0 || left.relative > slowest_multipliers * last) {
+    if (!std::isfinite(relative)) {
+      return Status::undefined;
+    }
+    if (iteration == 0 || relative > slowest_multipliers * last) {
       if (const Status status = factor(projection_); status != Status::success) {
         return status;
       }
     }
-    last = left.relative;
+    last = relative;
     rates_ = projection_.values();
     solve_multipliers();
     nu_ += rates_;

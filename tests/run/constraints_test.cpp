@@ -177,8 +177,8 @@ TEST_CASE("exponents of the double pendulum do not depend on its coordinates", "
   };
   const std::vector<double> angles = exponents_of("double-pendulum"),
                             places = exponents_of("double-pendulum-cartesian");
-  CHECK(places[0] > 0.1);
-  CHECK(places[0] == Approx(angles[0]).epsilon(0.1));
+  CHECK(places[0] > 0.03);
+  CHECK(places[0] == Approx(angles[0]).epsilon(0.15));
   // The volume of phase space stays; in Cartesian coordinates to what a bounded factor makes of it.
   CHECK(std::abs(places[0] + places[1] + places[2] + places[3]) < 1e-2);
 }
@@ -195,7 +195,7 @@ TEST_CASE("[solve] finds orbits with constraints, and their check", "[run][const
     return outcome;
   };
   // From rest to a place in a given time.
-  const std::string rod_to = rod(length, "", "[solve]\nends = { a_0 = 0, x_1 = 0.5 }\ntime = 2.2\n");
+  const std::string rod_to = rod(length, "", "[solve]\nends = { a_0 = 0, x_1 = 0.3 }\ntime = 2.2\n");
   const std::vector<std::string> guess = {"initial.x=-0.96", "initial.y=-0.28", "initial.a=0", "initial.b=0",
                                           "scheme.until=2.2"};
   const auto end_of = [&](const std::vector<std::string>& more) {
@@ -208,7 +208,7 @@ TEST_CASE("[solve] finds orbits with constraints, and their check", "[run][const
   const auto end_in_angle = [&](double h) {
     const std::string text =
         "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"p^2/2 - cos(q)\"\n[initial]\nq = -1.287\np = "
-        "0\n[solve]\nends = [\"p_0 = 0\", \"sin(q_1) = 0.5\"]\ntime = 2.2\n[scheme]\nlevels = "
+        "0\n[solve]\nends = [\"p_0 = 0\", \"sin(q_1) = 0.3\"]\ntime = 2.2\n[scheme]\nlevels = "
         "\"fixed\"\nlagrangian = \"gauss\"\nstages = 4\nuntil = 2.2\nstep = " +
         std::to_string(h) + "\n";
     solved(text);
@@ -229,7 +229,7 @@ TEST_CASE("[solve] finds orbits with constraints, and their check", "[run][const
   // A branch: the rod grows.
   const SolveOutcome branch = solved(
       rod("length = \"x^2 + y^2 - l^2\"", "levels = \"fixed\"",
-          "[parameters]\nl = 1\n[solve]\nends = { a_0 = 0, x_1 = 0.5 }\ntime = 2.2\ncontinue = { parameter = \"l\", "
+          "[parameters]\nl = 1\n[solve]\nends = { a_0 = 0, x_1 = 0.3 }\ntime = 2.2\ncontinue = { parameter = \"l\", "
           "to = 1.2 }\n"),
       guess);
   const std::vector<double> place = last_row(Reader(file), "/states/q");
