@@ -161,6 +161,33 @@ TEST_CASE("events, ensembles and a catalogue's system have constraints", "[run][
   CHECK(from.hamiltonian()->constraints.size() == 1);
 }
 
+TEST_CASE("derivatives by a parameter go along the constraints", "[run][constraints]") {
+  const Folder folder;
+  const std::string file = folder / "by.h5";
+  const auto run_with = [&](const std::string& g, const std::string& scheme) {
+    const std::string text = rod(length, scheme + "\nlevels = \"fixed\"", "[parameters]\ng = 1\n");
+    const std::vector<std::string> settings = {"hamiltonian.H=(a^2 + b^2)/2 + g*y", "parameters.g=" + g};
+    static_cast<void>(
+        run(parse_problem(text, "text.toml", settings), {.output = file, .overwrite = true, .threads = 1}));
+    std::vector<double> end = last_row(Reader(file), "/states/q");
+    const std::vector<double> p = last_row(Reader(file), "/states/p");
+    end.insert(end.end(), p.begin(), p.end());
+    return end;
+  };
+  for (const std::string scheme : {"lagrangian = \"splitting\"", "lagrangian = \"midpoint\""}) {
+    CAPTURE(scheme);
+    run_with("1", scheme + "\ntangents = { parameters = [\"g\"] }");
+    const std::vector<double> by_g = last_row(Reader(file), "/tangents/sensitivities");
+    REQUIRE(by_g.size() == 4);
+    CHECK(check(file).status == ExitStatus::done);
+    const std::vector<double> above = run_with("1.00001", scheme), below = run_with("0.99999", scheme);
+    for (std::size_t i = 0; i < 4; ++i) {
+      CHECK(by_g[i] == Approx((above[i] - below[i]) / 2e-5).margin(1e-8));    // third derivatives of some tens
+      CHECK(by_g[i] != Approx((above[i] - below[i]) / 2.1e-5).margin(1e-4));  // the twin
+    }
+  }
+}
+
 TEST_CASE("exponents of the double pendulum do not depend on its coordinates", "[run][constraints]") {
   // A chaotic orbit, whose two integrations part: exponents agree as far as those of any two parts of it.
   const Folder folder;
