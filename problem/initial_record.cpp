@@ -4,10 +4,12 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/pde/moving_frame.hpp>
 #include <rubato/problem/initial_arrays.hpp>
 #include <rubato/problem/initial_table.hpp>
 #include <rubato/problem/keys.hpp>
@@ -221,6 +223,32 @@ double time_of(const std::string& file, const Location& location) {
                                : find_state(record::Reader(file), std::nullopt, location).t;
 }
 
+/// Fields of a level of a moving frame at the nodes of the laboratory. \param which their numbers
+/// \throws record::Error where one turns with a field that is not stored
+std::vector<std::vector<double>> laboratory_fields(const record::Reader& reader, const MultisymplecticProblem& pde,
+                                                   MovingFrame frame, const grids::Grid& grid, const StoredState& state,
+                                                   std::span<const int> which) {
+  const int count = static_cast<int>(pde.fields.size());
+  LatticeLevel level{.fields = grids::FieldSet(count, grid.size()), .slopes = {}};
+  for (int f = 0; f < count; ++f) {
+    const std::string path = "/states/" + pde.fields[static_cast<std::size_t>(f)];
+    if (reader.has(path)) {
+      std::ranges::copy(reader.read(path, state.row, 1), level.fields.field(f).begin());
+    } else if (frame.phase(state.t) != 0.0 &&
+               std::ranges::any_of(which, [&](int g) { return g != f && frame.B(g, f) != 0.0; })) {
+      throw record::Error(reader.file(), path + " is missing, and others turn with it");
+    }
+  }
+  LaboratoryView laboratory(std::move(frame), grid);
+  const LatticeLevel& moved = laboratory(level, state.t);
+  std::vector<std::vector<double>> fields;
+  for (const int f : which) {
+    const std::span<const double> values = moved.fields.field(f);
+    fields.emplace_back(values.begin(), values.end());
+  }
+  return fields;
+}
+
 }  // namespace
 
 void probe_sources_with(void (*probe)(const std::filesystem::path& file)) {
@@ -353,14 +381,6 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
       }
       return fmt::format("{}", fmt::join(sides, ", "));
     };
-    if (other.scheme.frame && !source.own_start && state.row != 0) {
-      throw ProblemError(
-          source.location,
-          fmt::format("from: the states of {} are of a moving frame, at x = node + /frame/shift; take its "
-                      "start, or give [output] times to that run and read the fields of the laboratory "
-                      "from an array",
-                      source.file));
-    }
     if (box(old) != box(grid)) {
       throw ProblemError(source.location,
                          fmt::format("from: {} has {}, and this problem {}: only the number of cells may differ",
@@ -372,7 +392,19 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
         throw ProblemError(source.location, fmt::format("from: {} has no field {} at its levels", source.file, name));
       }
       others.push_back(static_cast<int>(std::ranges::find(pde->fields, name) - pde->fields.begin()));
-      fields.push_back({reader.read("/states/" + name, state.row, 1), old});
+    }
+    // The first state is of the laboratory, whatever the frame.
+    std::optional<MovingFrame> frame = state.row == 0 ? std::nullopt : make_frame(other);
+    if (frame) {
+      const std::vector<std::vector<double>> moved =
+          laboratory_fields(reader, *pde, std::move(*frame), old, state, others);
+      std::ranges::transform(moved, std::back_inserter(fields), [&](const auto& values) {
+        return FieldOnGrid{values, old};
+      });
+    } else {
+      std::ranges::transform(source.take, std::back_inserter(fields), [&](const std::string& name) {
+        return FieldOnGrid{reader.read("/states/" + name, state.row, 1), old};
+      });
     }
     return make_jumps(other).resampled(others, fields, grid);
   });
