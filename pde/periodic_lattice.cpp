@@ -4,10 +4,9 @@
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
+#include <utility>
 
 #include <fmt/format.h>
-
-#include <rubato/grids/fourier.hpp>
 
 namespace rubato {
 
@@ -25,26 +24,20 @@ double mean_of(const std::vector<double>& values) {
 
 }  // namespace
 
-PeriodicLattice::PeriodicLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                                 Targets targets, const PeriodOfLattice& guess)
+PeriodicLattice::PeriodicLattice(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                 std::unique_ptr<PeriodicStep> step, Targets targets, const PeriodOfLattice& guess)
     : system_(system),
       grid_(grid),
+      step_(std::move(step)),
       targets_(targets),
       slopes_(guess.slopes),
-      sweep_(system, grid, collocation),
-      point_(system.field_count(), grid.size()),
-      delta_(point_),
-      residual_(point_),
-      hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
+      place_(system, grid),
+      rows_of_step_(system.field_count(), grid.size()),
       scales_(VectorXd::Zero(system.field_count())),
       row_scales_(VectorXd::Ones(system.field_count())),
       period_scale_(guess.period),
       energies_(guess.steps(), 0.0),
       steps_(guess.steps()) {
-  if (grid.dimensions() != 1 || grid.has_walls() || collocation == Collocation::corners || collocation.has_elements()) {
-    throw std::invalid_argument(
-        "periodic orbits are of one periodic dimension, by the box scheme or fourier with one stage");
-  }
   if (guess.levels.empty()) {
     throw std::invalid_argument("a guess has at least one level");
   }
@@ -55,47 +48,7 @@ PeriodicLattice::PeriodicLattice(const MultisymplecticSystem& system, const grid
           system.fields()[static_cast<std::size_t>(f)]));
     }
   }
-  find_places();
-  make_operators(collocation);
   find_scales(guess);
-}
-
-void PeriodicLattice::find_places() {
-  const std::vector<bool>& algebraic = system_.structure().algebraic;
-  const auto count = static_cast<Index>(std::ranges::count(algebraic, true));
-  if (system_.structure().kernel.cols() != count) {
-    throw std::invalid_argument(
-        "a combination of fields has no equation of motion: take other fields, of which it is one");
-  }
-  evolving_ = fields() - count;
-  Index moving = 0, still = evolving_;
-  for (const bool is_still : algebraic) {
-    places_.push_back(is_still ? still++ : moving++);
-  }
-}
-
-void PeriodicLattice::make_operators(Collocation collocation) {
-  const Index n = nodes();
-  mean_.resize(grid_.size());
-  difference_.resize(grid_.size());
-  if (collocation == Collocation::cells) {
-    const double inverse = 1.0 / grid_.spacing(0);
-    for (Index i = 0; i < n; ++i) {
-      mean_[static_cast<std::size_t>(i)] = {{i, 0.5}, {(i + 1) % n, 0.5}};
-      difference_[static_cast<std::size_t>(i)] = {{i, -inverse}, {(i + 1) % n, inverse}};
-    }
-    return;
-  }
-  std::vector<double> unit(grid_.size(), 0.0), column(grid_.size());
-  unit[0] = 1.0;
-  const grids::SpectralDerivative derivative(grid_);
-  derivative(0, unit.data(), column.data());
-  for (Index i = 0; i < n; ++i) {
-    mean_[static_cast<std::size_t>(i)] = {{i, 1.0}};
-    for (Index j = 0; j < n; ++j) {
-      difference_[static_cast<std::size_t>(i)].push_back({j, column[static_cast<std::size_t>((i - j + n) % n)]});
-    }
-  }
 }
 
 void PeriodicLattice::find_scales(const PeriodOfLattice& guess) {
@@ -113,13 +66,13 @@ void PeriodicLattice::find_scales(const PeriodOfLattice& guess) {
   if (evaluate(pack(guess), residual, true) != Status::success) {
     return;
   }
-  VectorXd sizes = VectorXd::Zero(fields());
+  VectorXd sizes = VectorXd::Zero(system_.field_count());
   for (const Step& step : steps_) {
     const VectorXd sums = step.before.cwiseAbs() * VectorXd::Ones(step.before.cols()) +
                           step.after.cwiseAbs() * VectorXd::Ones(step.after.cols());
     for (int r = 0; r < system_.field_count(); ++r) {
       for (Index i = 0; i < nodes(); ++i) {
-        sizes[r] = std::max(sizes[r], sums[place(r, i)]);
+        sizes[r] = std::max(sizes[r], sums[place_(r, i)]);
       }
     }
   }
@@ -134,7 +87,7 @@ VectorXd PeriodicLattice::pack(const PeriodOfLattice& orbit) const {
     for (int f = 0; f < system_.field_count(); ++f) {
       const std::span<const double> field = orbit.levels[k].field(f);
       for (Index i = 0; i < nodes(); ++i) {
-        u[static_cast<Index>(k) * level_size() + place(f, i)] = field[static_cast<std::size_t>(i)] / scales_[f];
+        u[static_cast<Index>(k) * level_size() + place_(f, i)] = field[static_cast<std::size_t>(i)] / scales_[f];
       }
     }
   }
@@ -150,24 +103,11 @@ PeriodOfLattice PeriodicLattice::unpack(const VectorXd& u) const {
     for (int f = 0; f < system_.field_count(); ++f) {
       const std::span<double> field = orbit.levels[k].field(f);
       for (Index i = 0; i < nodes(); ++i) {
-        field[static_cast<std::size_t>(i)] = u[static_cast<Index>(k) * level_size() + place(f, i)] * scales_[f];
+        field[static_cast<std::size_t>(i)] = u[static_cast<Index>(k) * level_size() + place_(f, i)] * scales_[f];
       }
     }
   }
   return orbit;
-}
-
-/// z̄, and δ, which is 0 of fields in ker M.
-void PeriodicLattice::set_middle(const PeriodOfLattice& orbit, std::size_t step) {
-  const grids::FieldSet &before = orbit.levels[step], &after = orbit.levels[(step + 1) % steps_.size()];
-  for (int f = 0; f < system_.field_count(); ++f) {
-    const std::span<const double> z_0 = before.field(f), z_1 = after.field(f);
-    const std::span<double> middle = point_.field(f), delta = delta_.field(f);
-    for (std::size_t i = 0; i < middle.size(); ++i) {
-      middle[i] = in_kernel(f) ? z_0[i] : 0.5 * (z_0[i] + z_1[i]);
-      delta[i] = in_kernel(f) ? 0.0 : z_1[i] - z_0[i];
-    }
-  }
 }
 
 Status PeriodicLattice::evaluate(const VectorXd& u, VectorXd& residual, bool with_derivatives) {
@@ -179,25 +119,21 @@ Status PeriodicLattice::evaluate(const VectorXd& u, VectorXd& residual, bool wit
   }
   residual.setZero(rows());
   for (std::size_t k = 0; k < steps_.size(); ++k) {
-    set_middle(orbit, k);
-    const SweepResult result =
-        sweep_(std::as_const(point_).pointers(), slopes_, std::as_const(delta_).pointers(), 1.0 / h,
-               residual_.pointers(), with_derivatives ? hessian_.pointers() : std::span<double* const>());
-    if (!result.finite) {
+    if (!step_->evaluate(orbit.levels[k], orbit.levels[(k + 1) % steps_.size()], h, slopes_, rows_of_step_,
+                         energies_[k])) {
       failed_ = k;
       return Status::undefined;
     }
-    energies_[k] = result.energy;
     for (int r = 0; r < system_.field_count(); ++r) {
-      const std::span<const double> minus = std::as_const(residual_).field(r);
+      const std::span<const double> rows = std::as_const(rows_of_step_).field(r);
       for (Index i = 0; i < nodes(); ++i) {
-        residual[static_cast<Index>(k) * level_size() + place(r, i)] =
-            -minus[static_cast<std::size_t>(i)] / row_scales_[r];
+        residual[static_cast<Index>(k) * level_size() + place_(r, i)] =
+            rows[static_cast<std::size_t>(i)] / row_scales_[r];
       }
     }
     if (with_derivatives) {
-      keep_derivatives(h, steps_[k]);
-      keep_energy(h, steps_[k]);
+      step_->linearise(scales_, steps_[k]);
+      scale(steps_[k]);
       closing_.resize(0, 0);
     }
   }
@@ -211,78 +147,23 @@ Status PeriodicLattice::evaluate(const VectorXd& u, VectorXd& residual, bool wit
   return residual.allFinite() ? Status::success : Status::undefined;
 }
 
-double PeriodicLattice::hessian(int row, int field, std::size_t point) const {
-  const auto& varying = system_.varying_hessian();
-  for (std::size_t e = 0; e < varying.size(); ++e) {
-    if ((varying[e].row == row && varying[e].column == field) ||
-        (varying[e].row == field && varying[e].column == row)) {
-      return hessian_.field(static_cast<int>(e))[point];
-    }
-  }
-  return system_.constant_hessian()(row, field);
-}
-
-/// Of the step in point_ and delta_.
-void PeriodicLattice::keep_derivatives(double h, Step& step) const {
-  SparseEntries before, after;
-  step.by_period = VectorXd::Zero(level_size());
-  for (int r = 0; r < system_.field_count(); ++r) {
-    for (int f = 0; f < system_.field_count(); ++f) {
-      const double M = system_.M()(r, f) / h, K = system_.K(0)(r, f), scale = scales_[f] / row_scales_[r];
-      const auto add = [&](Index row, const Entry& entry, double middle, double rate) {
-        const double share = in_kernel(f) ? 1.0 : 0.5;
-        if (const double value = share * middle + rate; value != 0.0) {
-          after.emplace_back(row, place(f, entry.node), entry.value * scale * value);
-        }
-        if (const double value = share * middle - rate; value != 0.0 && !in_kernel(f)) {
-          before.emplace_back(row, place(f, entry.node), entry.value * scale * value);
-        }
-      };
-      for (Index i = 0; i < nodes(); ++i) {
-        const auto point = static_cast<std::size_t>(i);
-        const Index row = place(r, i);
-        double rate = 0.0;  // M A δ/h
-        for (const Entry& entry : mean_[point]) {
-          add(row, entry, -hessian(r, f, point), M);
-          rate += M * entry.value * delta_.field(f)[static_cast<std::size_t>(entry.node)];
-        }
-        for (const Entry& entry : difference_[point]) {
-          add(row, entry, K, 0.0);
-        }
-        // ∂h/∂T = 1/N, and h N = T
-        step.by_period[row] -= rate / (h * static_cast<double>(steps_.size())) * period_scale_ / row_scales_[r];
-      }
-    }
-  }
-  step.before.resize(level_size(), moving());
-  step.before.setFromTriplets(before.begin(), before.end());
-  step.after.resize(level_size(), level_size());
-  step.after.setFromTriplets(after.begin(), after.end());
-}
-
-/// ∇S - K D z̄ = M A δ/h - R is the first variation of E_k by the middle of the step.
-void PeriodicLattice::keep_energy(double h, Step& step) const {
-  step.energy_before = VectorXd::Zero(moving());
-  step.energy_after = VectorXd::Zero(level_size());
-  const double weight = grid_.cell_volume() / (energy_scale_ * static_cast<double>(steps_.size()));
+/// Derivatives of scaled rows by scaled unknowns; by_h becomes that by T, ∂h/∂T = 1/N.
+void PeriodicLattice::scale(Step& step) const {
+  VectorXd of_unknowns(level_size()), of_rows(level_size());
   for (int f = 0; f < system_.field_count(); ++f) {
     for (Index i = 0; i < nodes(); ++i) {
-      const auto point = static_cast<std::size_t>(i);
-      double force = residual_.field(f)[point];  // -R
-      for (int g = 0; g < system_.field_count(); ++g) {
-        for (const Entry& entry : mean_[point]) {
-          force += system_.M()(f, g) * entry.value * delta_.field(g)[static_cast<std::size_t>(entry.node)] / h;
-        }
-      }
-      for (const Entry& entry : mean_[point]) {
-        const double value = weight * force * entry.value * scales_[f];
-        step.energy_after[place(f, entry.node)] += in_kernel(f) ? value : 0.5 * value;
-        if (!in_kernel(f)) {
-          step.energy_before[place(f, entry.node)] += 0.5 * value;
-        }
-      }
+      of_unknowns[place_(f, i)] = scales_[f];
+      of_rows[place_(f, i)] = 1.0 / row_scales_[f];
     }
   }
+  const double count = static_cast<double>(steps_.size()), by_period = period_scale_ / count,
+               of_energy = 1.0 / (energy_scale_ * count);
+  step.before = of_rows.asDiagonal() * step.before * of_unknowns.head(moving()).asDiagonal();
+  step.after = of_rows.asDiagonal() * step.after * of_unknowns.asDiagonal();
+  step.by_h = by_period * of_rows.cwiseProduct(step.by_h);
+  step.energy_before = of_energy * of_unknowns.head(moving()).cwiseProduct(step.energy_before);
+  step.energy_after = of_energy * of_unknowns.cwiseProduct(step.energy_after);
+  step.energy_by_h *= of_energy * by_period;
 }
 
 /// The steps' maps, one after the other. \return Status::ill_conditioned where a step is singular
@@ -295,9 +176,10 @@ Status PeriodicLattice::compose() {
       return Status::ill_conditioned;
     }
     MatrixXd right = step.before * levels;
-    right.col(m) += step.by_period;
+    right.col(m) += step.by_h;
     const MatrixXd next = -step.factors.solve(right);
     energy += step.energy_before.transpose() * levels + step.energy_after.transpose() * next;
+    energy[m] += step.energy_by_h;
     levels = next.topRows(m);
   }
   if (!levels.allFinite()) {
@@ -330,11 +212,11 @@ void PeriodicLattice::follow(const VectorXd& r, VectorXd& x, VectorXd& last, dou
   for (std::size_t k = 0; k < steps_.size(); ++k) {
     const Step& step = steps_[k];
     const Index first = static_cast<Index>(k) * level_size();
-    const VectorXd right = r.segment(first, level_size()) + step.before * last + x[period_place()] * step.by_period;
+    const VectorXd right = r.segment(first, level_size()) + step.before * last + x[period_place()] * step.by_h;
     const VectorXd next = -step.factors.solve(right);
     x.segment(first, moving()) = last;
     x.segment(first + moving(), level_size() - moving()) = next.tail(level_size() - moving());
-    energy += step.energy_before.dot(last) + step.energy_after.dot(next);
+    energy += step.energy_before.dot(last) + step.energy_after.dot(next) + x[period_place()] * step.energy_by_h;
     last = next.head(moving());
   }
 }
@@ -377,7 +259,10 @@ Eigen::SparseMatrix<double> PeriodicLattice::jacobian() const {
     add(step.before, [&](Index column) { return first + column; });
     add(step.after, column_after);
     for (Index row = 0; row < level_size(); ++row) {
-      entries.emplace_back(first + row, period_place(), step.by_period[row]);
+      entries.emplace_back(first + row, period_place(), step.by_h[row]);
+    }
+    if (targets_.energy) {
+      entries.emplace_back(energy_row, period_place(), step.energy_by_h);
     }
     for (Index column = 0; targets_.energy && column < level_size(); ++column) {
       entries.emplace_back(energy_row, column_after(column), step.energy_after[column]);
@@ -401,7 +286,7 @@ std::string PeriodicLattice::describe(Index row) const {
   const Index step = row / level_size(), rest = row % level_size();
   for (int f = 0; f < system_.field_count(); ++f) {
     for (Index i = 0; i < nodes(); ++i) {
-      if (place(f, i) == rest) {
+      if (place_(f, i) == rest) {
         return fmt::format("the row of {} at {} = {:.6g}, in the step from level {}",
                            system_.fields()[static_cast<std::size_t>(f)], grid_.axis(0).name,
                            grid_.axis(0).node(static_cast<std::size_t>(i)), step);
@@ -442,9 +327,9 @@ PeriodOfLattice period_by_integrating(LatticeIntegrator& lattice, std::size_t st
 }
 
 PeriodicLatticeSolution solve_periodic_lattice(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                               Collocation collocation, const PeriodOfLattice& guess,
+                                               std::unique_ptr<PeriodicStep> step, const PeriodOfLattice& guess,
                                                const PeriodicLatticeOptions& options) {
-  PeriodicLattice equations(system, grid, collocation, {.period = options.period, .energy = options.energy}, guess);
+  PeriodicLattice equations(system, grid, std::move(step), {.period = options.period, .energy = options.energy}, guess);
   PeriodicLatticeSolution solution;
   VectorXd u = equations.pack(guess);
   solution.search = solve::find_zero(equations, options.tolerance, options.most_iterations, 0, u, solution.history);

@@ -1,14 +1,15 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include <Eigen/SparseCore>
 
-#include <rubato/pde/cell_sweep.hpp>
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/periodic_step.hpp>
 #include <rubato/solve/damped_least_squares.hpp>
 #include <rubato/solve/damped_newton.hpp>
 #include <rubato/solve/sparse_factors.hpp>
@@ -26,9 +27,9 @@ struct PeriodOfLattice {
   [[nodiscard]] double step() const { return period / static_cast<double>(levels.size()); }
 };
 
-/// The equations of a periodic orbit of a line of cells, for the box scheme and the Fourier scheme of one stage:
+/// The equations of a periodic orbit of a line of cells, for a scheme with the step R (PeriodicStep):
 ///
-///     R(z_k, z_{k+1}, h) = M A δ_t z + K D z̄ - ∇S(z̄) = 0   in every cell, or at every node, of every step,
+///     R(x_k, y_k, x_{k+1}, h) = 0   in every cell, or at every node, of every step,
 ///     z_N = z_0,   N h = T,
 ///     T = T*                                             if the period T* is given,
 ///     Σ E_k / N = E*                                     if the energy E* is given,
@@ -46,10 +47,10 @@ public:
   struct Targets {
     std::optional<double> period, energy;
   };
-  /// \param guess for the scales. The system has to live as long as this.
-  /// \throws std::invalid_argument for more than one dimension, for walls, at Collocation::corners or elements, for a
-  /// guess without levels, and where ker M has a combination of fields that is none of them
-  PeriodicLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
+  /// \param step of the same system and grid; guess for the scales. The system has to live as long as this.
+  /// \throws std::invalid_argument for a guess without levels, for a field that S does not name, and where ker M has a
+  /// combination of fields that is none of them
+  PeriodicLattice(const MultisymplecticSystem& system, const grids::Grid& grid, std::unique_ptr<PeriodicStep> step,
                   Targets targets, const PeriodOfLattice& guess);
 
   [[nodiscard]] Eigen::VectorXd pack(const PeriodOfLattice& orbit) const;
@@ -67,37 +68,17 @@ public:
 
 private:
   using Sparse = Eigen::SparseMatrix<double>;
-  /// Derivatives of a step's rows by x_k, by x_{k+1} and y_k, and by T; and those of E_k by the same two.
-  struct Step {
-    Sparse before, after;
-    Eigen::VectorXd by_period, energy_before, energy_after;
+  /// Of scaled rows by scaled unknowns, and by T in place of h.
+  struct Step : LinearisedStep {
     solve::SparseFactors factors;  ///< of `after`
   };
-  struct Entry {
-    Eigen::Index node;
-    double value;
-  };
-  using Operator = std::vector<std::vector<Entry>>;  ///< of each point, what it reads at nodes
 
   [[nodiscard]] Status compose();
-  void find_places();
-  void make_operators(Collocation collocation);
   void find_scales(const PeriodOfLattice& guess);
-  void set_middle(const PeriodOfLattice& orbit, std::size_t step);
-  void keep_derivatives(double h, Step& step) const;
-  void keep_energy(double h, Step& step) const;
-  [[nodiscard]] double hessian(int row, int field, std::size_t point) const;
-  [[nodiscard]] bool in_kernel(int field) const { return places_[static_cast<std::size_t>(field)] >= evolving_; }
-  /// The place of a field at a node in a level's part of the unknowns, x first, and of a row.
-  [[nodiscard]] Eigen::Index place(int field, Eigen::Index node) const {
-    const Eigen::Index which = places_[static_cast<std::size_t>(field)];
-    return in_kernel(field) ? evolving_ * nodes() + node * (fields() - evolving_) + which - evolving_
-                            : node * evolving_ + which;
-  }
-  [[nodiscard]] Eigen::Index nodes() const { return static_cast<Eigen::Index>(grid_.size()); }
-  [[nodiscard]] Eigen::Index fields() const { return system_.field_count(); }
-  [[nodiscard]] Eigen::Index moving() const { return evolving_ * nodes(); }  ///< numbers in x_k
-  [[nodiscard]] Eigen::Index level_size() const { return fields() * nodes(); }
+  void scale(Step& step) const;
+  [[nodiscard]] Eigen::Index nodes() const { return place_.nodes(); }
+  [[nodiscard]] Eigen::Index moving() const { return place_.moving(); }  ///< numbers in x_k
+  [[nodiscard]] Eigen::Index level_size() const { return place_.size(); }
   [[nodiscard]] Eigen::Index period_place() const { return static_cast<Eigen::Index>(steps_.size()) * level_size(); }
   [[nodiscard]] Eigen::Index rows() const {
     return period_place() + (targets_.period ? 1 : 0) + (targets_.energy ? 1 : 0);
@@ -107,13 +88,11 @@ private:
 
   const MultisymplecticSystem& system_;
   grids::Grid grid_;
+  std::unique_ptr<PeriodicStep> step_;
   Targets targets_;
   PotentialSlopes slopes_;
-  Eigen::Index evolving_ = 0;         ///< fields with an equation of motion
-  std::vector<Eigen::Index> places_;  ///< of each field, those in ker M after the others
-  Operator mean_, difference_;
-  CellSweep sweep_;
-  grids::FieldSet point_, delta_, residual_, hessian_;
+  LevelPlaces place_;
+  grids::FieldSet rows_of_step_;
   Eigen::VectorXd scales_, row_scales_;  ///< of each field, and of each row
   double period_scale_, energy_scale_ = 1.0;
   std::vector<double> energies_;
@@ -145,7 +124,8 @@ struct PeriodicLatticeSolution {
 
 /// Newton's method on all levels and the period of a lattice at once. \throws std::invalid_argument as PeriodicLattice
 [[nodiscard]] PeriodicLatticeSolution solve_periodic_lattice(const MultisymplecticSystem& system,
-                                                             const grids::Grid& grid, Collocation collocation,
+                                                             const grids::Grid& grid,
+                                                             std::unique_ptr<PeriodicStep> step,
                                                              const PeriodOfLattice& guess,
                                                              const PeriodicLatticeOptions& options);
 

@@ -11,10 +11,10 @@ void refuse_lattice(const Problem& problem, const StatedSolve& solve) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   const Scheme& scheme = problem.scheme;
   const bool one_stage = scheme.stages.value_or(1) == 1 && scheme.space_stages == 1;
-  if ((scheme.method != "box" && scheme.method != "fourier") || !one_stage) {
+  if ((scheme.method != "box" && scheme.method != "fourier" && scheme.method != "splitting") || !one_stage) {
     throw ProblemError(scheme.lagrangian_location,
-                       "periodic orbits of lattices are for box and fourier with one stage; write lagrangian = "
-                       "\"fourier\", without stages");
+                       "periodic orbits of lattices are for box and fourier with one stage, and for splitting; write "
+                       "lagrangian = \"fourier\", without stages");
   }
   if (scheme.levels != Levels::fixed) {
     throw ProblemError(solve.location,

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -19,8 +20,13 @@ namespace rubato {
 
 namespace {
 
-Collocation collocation_of(const Problem& problem) {
-  return problem.scheme.method == "box" ? Collocation::cells : Collocation::nodes;
+std::unique_ptr<PeriodicStep> step_of(const Problem& problem, const MultisymplecticSystem& system) {
+  const Scheme& scheme = problem.scheme;
+  if (scheme.method == "splitting") {
+    return make_split_step(system, make_grid(problem), composition(scheme.composition),
+                           scheme.space == "differences" ? Collocation::corners : Collocation::nodes);
+  }
+  return make_swept_step(system, make_grid(problem), scheme.method == "box" ? Collocation::cells : Collocation::nodes);
 }
 
 /// The problem with so many equal steps over a period.
@@ -122,7 +128,7 @@ void solve_lattice(const Problem& problem, const RunOptions& options, const std:
                                   stated.steps, remedy);
     return;
   }
-  PeriodicLatticeSolution found = solve_periodic_lattice(system, make_grid(problem), collocation_of(problem), guess,
+  PeriodicLatticeSolution found = solve_periodic_lattice(system, make_grid(problem), step_of(problem, system), guess,
                                                          {.period = stated.duration,
                                                           .energy = stated.energy,
                                                           .tolerance = stated.tolerance,

@@ -3,8 +3,10 @@
 #include <catch2/catch.hpp>
 
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rubato/pde/periodic_lattice.hpp>
@@ -29,6 +31,15 @@ grids::Grid ring(double length, std::size_t cells) {
   return grids::Grid({{.name = "x", .from = -0.5 * length, .to = 0.5 * length, .cells = cells}});
 }
 
+/// `method`: box, fourier, or the composition of a splitting.
+std::unique_ptr<PeriodicStep> step_of(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                      const std::string& method) {
+  if (method == "box" || method == "fourier") {
+    return make_swept_step(system, grid, method == "box" ? Collocation::cells : Collocation::nodes);
+  }
+  return make_split_step(system, grid, composition(method), Collocation::nodes);
+}
+
 template <typename U, typename V>
 PeriodOfLattice guess_of(const MultisymplecticSystem& system, const grids::Grid& grid, const std::string& method,
                          double period, std::size_t steps, const U& u, const V& v) {
@@ -37,9 +48,12 @@ PeriodOfLattice guess_of(const MultisymplecticSystem& system, const grids::Grid&
     first.push_back(u(grid.axis(0).node(i)));
     second.push_back(v(grid.axis(0).node(i)));
   }
-  LatticeIntegrator lattice(
-      system, grid, {first, second, std::nullopt},
-      {.lagrangian = method, .step = period / static_cast<double>(steps), .until = period, .levels = Levels::fixed});
+  LatticeOptions options{.step = period / static_cast<double>(steps), .until = period, .levels = Levels::fixed};
+  options.lagrangian = method == "box" || method == "fourier" ? method : "splitting";
+  if (options.lagrangian == "splitting") {
+    options.composition = method;
+  }
+  LatticeIntegrator lattice(system, grid, {first, second, std::nullopt}, options);
   PeriodOfLattice guess = period_by_integrating(lattice, steps);
   REQUIRE(guess.steps() == steps);
   return guess;
@@ -74,13 +88,12 @@ std::vector<double> rates(const std::vector<solve::NewtonIteration>& history) {
 TEST_CASE("periodic lattices: Newton's matrix is the derivative of the equations, and its elimination solves it") {
   const MultisymplecticSystem system = wave_equation("1 - cos(u) + 0.1*u*w");
   const grids::Grid grid = ring(6.0, 5);
-  for (const std::string method : {"box", "fourier"}) {
+  for (const std::string method : {"box", "fourier", "golden"}) {
     CAPTURE(method);
     const PeriodOfLattice guess = guess_of(
         system, grid, method, 5.0, 4, [](double x) { return 0.3 * std::sin(x); },
         [](double x) { return sech(x) + 0.1 * x; });
-    PeriodicLattice equations(system, grid, method == "box" ? Collocation::cells : Collocation::nodes,
-                              {.period = 5.0, .energy = 0.7}, guess);
+    PeriodicLattice equations(system, grid, step_of(system, grid, method), {.period = 5.0, .energy = 0.7}, guess);
     const VectorXd u = equations.pack(guess);
     VectorXd residual, above, below;
     REQUIRE(equations.evaluate(u, residual, true) == Status::success);
@@ -129,7 +142,7 @@ std::vector<double> tails_on_rings(const MultisymplecticSystem& system, double p
     const grids::Grid grid = ring(length, cells);
     const PeriodOfLattice guess = guess_of(system, grid, "box", period, steps_in_period, u, v);
     const PeriodicLatticeSolution found =
-        solve_periodic_lattice(system, grid, Collocation::cells, guess, {.period = period});
+        solve_periodic_lattice(system, grid, step_of(system, grid, "box"), guess, {.period = period});
     CAPTURE(length, found.search.worst, found.search.residual);
     REQUIRE(found.found());
     CHECK(found.orbit.period == Approx(period).epsilon(1e-13));
@@ -181,6 +194,50 @@ TEST_CASE("periodic lattices: the tail of a phi^4 breather stays on rings of dou
   CHECK(tails[2] > 0.1 * tails[1]);
 }
 
+namespace {
+
+/// The mean energy of the orbit of this period on a ring of 31 cells.
+template <typename U, typename V>
+double energy_of(const MultisymplecticSystem& system, const std::string& method, double period, std::size_t steps,
+                 const U& u, const V& v) {
+  const grids::Grid grid = ring(31 * width, 31);
+  const PeriodicLatticeSolution found =
+      solve_periodic_lattice(system, grid, step_of(system, grid, method),
+                             guess_of(system, grid, method, period, steps, u, v), {.period = period});
+  CAPTURE(method, steps, found.search.worst, found.search.residual);
+  REQUIRE(found.found());
+  return found.mean_energy;
+}
+
+/// Energies tend to one number with the order of each scheme.
+template <typename U, typename V>
+void check_orders(const MultisymplecticSystem& system, double period, const U& u, const V& v) {
+  const double exact = energy_of(system, "kahan-li-6", period, 80, u, v);
+  for (const auto& [method, order] : {std::pair("fourier", 2), {"golden", 2}, {"blanes-moan-4", 4}}) {
+    const double coarse = energy_of(system, method, period, 40, u, v) - exact,
+                 fine = energy_of(system, method, period, 80, u, v) - exact;
+    CAPTURE(method, exact, coarse, fine);
+    CHECK(std::log2(std::abs(coarse / fine)) == Approx(order).margin(0.3));
+  }
+}
+
+}  // namespace
+
+TEST_CASE("periodic lattices: breathers by splittings are those of the other schemes to their order") {
+  const double omega = 0.9, gamma = std::sqrt(1.0 - omega * omega);
+  check_orders(
+      wave_equation("1 - cos(u)"), 2.0 * std::numbers::pi / omega, [](double) { return 0.0; },
+      [&](double x) { return 4.0 * gamma * sech(gamma * x); });
+  const double frequency = 1.25, epsilon = std::sqrt(2.0 - frequency * frequency);
+  check_orders(
+      wave_equation("(u^2 - 1)^2/4"), 2.0 * std::numbers::pi / frequency,
+      [&](double x) {
+        const double A = epsilon * std::sqrt(4.0 / 3.0) * sech(epsilon * x);
+        return 1.0 + A - 0.5 * A * A;
+      },
+      [](double) { return 0.0; });
+}
+
 TEST_CASE("periodic lattices: what cannot be solved for is refused") {
   Eigen::MatrixXd M = Eigen::MatrixXd::Zero(2, 2), K = M;
   M(0, 1) = -1.0;
@@ -190,10 +247,11 @@ TEST_CASE("periodic lattices: what cannot be solved for is refused") {
   const MultisymplecticSystem potential({"phi", "p"}, M, {K}, "p^2/2");
   const grids::Grid grid = ring(6.0, 5);
   const PeriodOfLattice guess{.levels = std::vector(3, grids::FieldSet(2, 5)), .slopes = {}, .period = 1.0};
-  CHECK_THROWS_WITH(PeriodicLattice(potential, grid, Collocation::cells, {}, guess),
+  CHECK_THROWS_WITH(PeriodicLattice(potential, grid, step_of(potential, grid, "box"), {}, guess),
                     Catch::Contains("does not name phi"));
   const MultisymplecticSystem system = wave_equation("1 - cos(u)");
-  CHECK_THROWS_WITH(PeriodicLattice(system, grid, Collocation::corners, {}, guess), Catch::Contains("one stage"));
-  CHECK_THROWS_WITH(PeriodicLattice(system, grid, Collocation::cells, {}, PeriodOfLattice{.slopes = {}, .period = 1.0}),
-                    Catch::Contains("at least one level"));
+  CHECK_THROWS_WITH(make_swept_step(system, grid, Collocation::corners), Catch::Contains("one stage"));
+  CHECK_THROWS_WITH(
+      PeriodicLattice(system, grid, step_of(system, grid, "box"), {}, PeriodOfLattice{.slopes = {}, .period = 1.0}),
+      Catch::Contains("at least one level"));
 }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <numbers>
 
 #include <fmt/format.h>
 
@@ -324,6 +325,48 @@ TEST_CASE("solve: the record of a periodic lattice is that of a run that closes,
   }
 }
 
+TEST_CASE("solve: a lattice takes a splitting, with waves of either kind") {
+  const Folder folder;
+  for (const char* space : {"fourier", "differences"}) {
+    const std::string file = folder / (std::string(space) + ".h5");
+    const SolveOutcome outcome = solve_problem(
+        lattice_with({"scheme.lagrangian=splitting", fmt::format("scheme.space={}", space)}), {.output = file});
+    CAPTURE(outcome.message);
+    REQUIRE(outcome.status == ExitStatus::done);
+    CHECK(*outcome.closing < 1e-12);  // 28 steps of a stable orbit: rounding
+    CHECK(check(file).status == ExitStatus::done);
+  }
+  // Of turns, a plane wave: its phase goes on at the rate 2|ψ|².
+  constexpr const char* turning = R"toml(title = "Condensate"
+[multisymplectic]
+fields = ["p", "q", "v", "w"]
+M = [["p", "q", 1]]
+K.x = [["p", "v", -1], ["q", "w", -1]]
+S = "(v^2 + w^2)/2 + (p^2 + q^2)^2/2"
+[grid]
+x = { from = 0, to = 1, cells = 9 }
+[initial]
+p = 1
+q = 0
+[solve]
+ends = "periodic"
+steps = 32
+period = 3
+[scheme]
+lagrangian = "splitting"
+levels = "fixed"
+step = 0.1
+until = 3.2
+)toml";
+  const SolveOutcome turned = solve_problem(parse_problem(turning, "turn.toml"), {.output = folder / "turn.h5"});
+  CAPTURE(turned.message);
+  REQUIRE(turned.status == ExitStatus::done);
+  const record::Reader reader(folder / "turn.h5");
+  const std::vector<double> p = reader.read("/states/p", 0, 1), q = reader.read("/states/q", 0, 1);
+  // The turn 2|ψ|²T = 2π is exact in a splitting.
+  CHECK(p[0] * p[0] + q[0] * q[0] == Approx(std::numbers::pi / 3.0).epsilon(1e-12));
+}
+
 TEST_CASE("solve: a period or an energy of a lattice may be given") {
   const Folder folder;
   const auto solved = [&](const std::vector<std::string>& settings, const std::string& name) {
@@ -410,7 +453,7 @@ until = 0.5
 TEST_CASE("solve: wrong entries of a lattice are refused with their place and a remedy") {
   CHECK_THAT(lattice_error({"scheme.levels=variable"}), Catch::Contains("write levels = \"fixed\""));
   CHECK_THAT(lattice_error({"scheme.stages=2"}), Catch::Contains("one stage"));
-  CHECK_THAT(lattice_error({"scheme.lagrangian=splitting"}), Catch::Contains("box and fourier"));
+  CHECK_THAT(lattice_error({"scheme.lagrangian=euler-box"}), Catch::Contains("box and fourier"));
   CHECK_THAT(lattice_error({"solve.ends=connection"}), Catch::Contains("ends = \"periodic\""));
   CHECK_THAT(lattice_error({"solve.guess={ u = 1 }"}), Catch::Contains("guess is for orbits of [hamiltonian]"));
   CHECK_THAT(lattice_error({"solve.energy=initial"}), Catch::Contains("give a number"));
