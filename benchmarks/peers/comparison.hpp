@@ -39,6 +39,10 @@ struct Problem {
 [[nodiscard]] Problem sine_gordon_breather();
 /// i ψ_t + ψ_xx + 2|ψ|²ψ = 0: the moving soliton of the catalogue.
 [[nodiscard]] Problem schroedinger_soliton();
+/// u_t + 6 u u_x + u_xxx = 0: the soliton of speed 4.
+[[nodiscard]] Problem korteweg_de_vries_soliton();
+/// The same equation by a potential, with S as given.
+[[nodiscard]] rubato::MultisymplecticSystem korteweg_de_vries_system(const std::string& S);
 
 /// The solution at `until` and for a while after it.
 class Reference {
@@ -46,6 +50,7 @@ public:
   explicit Reference(const Problem& problem);
   [[nodiscard]] double error(const std::vector<std::vector<double>>& fields, double t) const;
   [[nodiscard]] double error(const peers::Series& series, std::size_t nodes) const;
+  [[nodiscard]] const peers::Series& solution() const { return series_; }  ///< at `until`
   /// Difference from one with half as many steps, on fewer nodes.
   [[nodiscard]] double uncertainty() const { return uncertainty_; }
 

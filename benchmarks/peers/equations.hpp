@@ -12,6 +12,9 @@ void korteweg_de_vries(int repeats);
 void two_solitons(int repeats);
 void benjamin_bona_mahony(int repeats);
 
+/// Solitons in the laboratory and in the frame that moves with them, by peers, too.
+void frames(int repeats);
+
 /// The price of a level of second order, whatever its error.
 void second_order(int repeats);
 

@@ -1,9 +1,11 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
 
 #include "dormand_prince.hpp"
+#include "gauss_coefficients.hpp"
 #include "peer.hpp"
 
 namespace peers {
@@ -32,6 +34,9 @@ public:
     }
     if (method_ == "IFDOP853" || method_ == "DOP853") {
       return dormand_prince(h, steps);
+    }
+    if (method_.starts_with("Gauss")) {
+      return gauss(h, steps, method_[5] - '0');
     }
     if (method_.starts_with("AB")) {
       return adams_bashforth(h, steps, method_[2] - '0');
@@ -214,6 +219,105 @@ private:
     return cpu_seconds() - start;
   }
 
+  /// (1 - zA)⁻¹ [1, hA], row by row, by elimination: the matrix is well conditioned for z on the imaginary axis.
+  static std::vector<Complex> resolvent(const std::vector<double>& a, std::size_t s, double h, Complex z) {
+    std::vector<Complex> matrix(s * s), right(s * (s + 1));
+    for (std::size_t i = 0; i < s; ++i) {
+      right[i * (s + 1)] = 1.0;
+      for (std::size_t j = 0; j < s; ++j) {
+        matrix[i * s + j] = (i == j ? 1.0 : 0.0) - z * a[i * s + j];
+        right[i * (s + 1) + 1 + j] = h * a[i * s + j];
+      }
+    }
+    for (std::size_t p = 0; p < s; ++p) {
+      for (std::size_t i = 0; i < s; ++i) {
+        const Complex factor = matrix[i * s + p] / matrix[p * s + p];
+        for (std::size_t j = p; i != p && j < s; ++j) {
+          matrix[i * s + j] -= factor * matrix[p * s + j];
+        }
+        for (std::size_t j = 0; i != p && j <= s; ++j) {
+          right[i * (s + 1) + j] -= factor * right[p * (s + 1) + j];
+        }
+      }
+    }
+    for (std::size_t i = 0; i < s; ++i) {
+      for (std::size_t j = 0; j <= s; ++j) {
+        right[i * (s + 1) + j] /= matrix[i * s + i];
+      }
+    }
+    return right;
+  }
+
+  /// û_i = û + h Σ_j a_ij (L û_j + N_j), iterated on N until rounding. N begins with that of the last step, continued.
+  double gauss(double h, int steps, int stages) {
+    const std::size_t m = linear_.size(), s = static_cast<std::size_t>(stages);
+    const GaussCoefficients coefficients(stages);
+    // û_i = R (û + h A N), R = (1 - h L A)⁻¹ for each mode.
+    std::vector<Modes> of_u(s, Modes(m)), of_N(s * s, Modes(m)), at(s, Modes(m)), N(s, Modes(m)), old;
+    for (std::size_t k = 0; k < m; ++k) {
+      const std::vector<Complex> solved = resolvent(coefficients.a, s, h, h * linear_[k]);
+      for (std::size_t i = 0; i < s; ++i) {
+        of_u[i][k] = solved[i * (s + 1)];
+        for (std::size_t j = 0; j < s; ++j) {
+          of_N[i * s + j][k] = solved[i * (s + 1) + 1 + j];
+        }
+      }
+    }
+    Modes& u = state_.u;
+    const double start = cpu_seconds();
+    for (int step = 0; step < steps; ++step) {
+      if (step == 0) {
+        for (Modes& slope : N) {
+          rest(u, slope);
+        }
+      } else {
+        old = N;
+        for (std::size_t i = 0; i < s; ++i) {
+          std::fill(N[i].begin(), N[i].end(), Complex());
+          for (std::size_t j = 0; j < s; ++j) {
+            for (std::size_t k = 0; k < m; ++k) {
+              N[i][k] += coefficients.ahead[i * s + j] * old[j][k];
+            }
+          }
+        }
+      }
+      double before = 0.0;
+      for (int iteration = 0;; ++iteration) {
+        double change = 0.0, size = 0.0;
+        for (std::size_t i = 0; i < s; ++i) {
+          for (std::size_t k = 0; k < m; ++k) {
+            Complex sum = of_u[i][k] * u[k];
+            for (std::size_t j = 0; j < s; ++j) {
+              sum += of_N[i * s + j][k] * N[j][k];
+            }
+            change += std::norm(sum - at[i][k]);
+            size += std::norm(sum);
+            at[i][k] = sum;
+          }
+        }
+        const bool falls = change < 0.25 * before;
+        if (iteration > 0 && (change < 1e-30 * size || (change < 1e-24 * size && !falls))) {
+          break;
+        }
+        if (iteration > 100 || !(size < 1e100)) {  // it does not converge
+          std::fill(u.begin(), u.end(), Complex(std::nan("")));
+          return cpu_seconds() - start;
+        }
+        before = change;
+        for (std::size_t i = 0; i < s; ++i) {
+          rest(at[i], N[i]);
+        }
+      }
+      for (std::size_t k = 0; k < m; ++k) {
+        const Complex base = u[k];
+        for (std::size_t i = 0; i < s; ++i) {
+          u[k] += coefficients.end[i] * (at[i][k] - base);
+        }
+      }
+    }
+    return cpu_seconds() - start;
+  }
+
   double adams_bashforth(double h, int steps, int order) {
     // ∫_0^1 of the Lagrange polynomials of the nodes 0, -1, …, 1 - order.
     std::array<double, 9> weights{};
@@ -307,10 +411,10 @@ private:
 
 class Schroedinger final : public Semilinear {
 public:
-  Schroedinger(const Line& line, double a, const std::string& method)
+  Schroedinger(const Line& line, double a, const std::string& method, const Frame& frame)
       : Semilinear(line, Kind::complex, method), a_(a), transform_(line.nodes) {
     for (std::size_t k = 0; k < line.nodes; ++k) {
-      linear_[k] = {0.0, -line.wave(k) * line.wave(k)};
+      linear_[k] = {0.0, (frame.velocity - line.wave(k)) * line.wave(k) - frame.rate};
     }
   }
 
@@ -335,9 +439,11 @@ using Symbols = std::array<Complex, 2>;
 
 }  // namespace
 
-std::unique_ptr<Peer> korteweg_de_vries(const Line& line, double eta, double gamma, const std::string& method) {
+std::unique_ptr<Peer> korteweg_de_vries(const Line& line, double eta, double gamma, const std::string& method,
+                                        const Frame& frame) {
   return std::make_unique<Quadratic>(line, method, [=](double k) {
-    return Symbols{Complex(0.0, gamma * gamma * k * k * k), Complex(0.0, -0.5 * eta * k)};
+    return Symbols{Complex(0.0, gamma * gamma * k * k * k + frame.velocity * k - frame.rate),
+                   Complex(0.0, -0.5 * eta * k)};
   });
 }
 
@@ -347,8 +453,8 @@ std::unique_ptr<Peer> benjamin_bona_mahony(const Line& line, const std::string& 
   });
 }
 
-std::unique_ptr<Peer> schroedinger(const Line& line, double a, const std::string& method) {
-  return std::make_unique<Schroedinger>(line, a, method);
+std::unique_ptr<Peer> schroedinger(const Line& line, double a, const std::string& method, const Frame& frame) {
+  return std::make_unique<Schroedinger>(line, a, method, frame);
 }
 
 }  // namespace peers

@@ -6,11 +6,29 @@
 
 namespace comparison {
 
-namespace {
-
 rubato::MultisymplecticSystem korteweg_de_vries_system(const std::string& S) {
   return {{"phi", "u", "v", "w"}, skew(4, {{0, 1, 0.5}}), {skew(4, {{0, 3, 1}, {1, 2, -1}})}, S};
 }
+
+Problem korteweg_de_vries_soliton() {
+  return {.name = "Korteweg-de Vries soliton",
+          .from = -15,
+          .length = 30,
+          .until = 10,
+          .system = korteweg_de_vries_system("v^2/2 - u*w + u^3"),
+          .fields = {1},
+          .first = [](double x) { return 2 / std::pow(std::cosh(x), 2); },
+          .second = {},
+          .given = {0, 1, 0, 0},
+          .converged =
+              [](std::size_t n) {
+                return peers::korteweg_de_vries({-15, 30, n}, 6.0, 1.0, "IFDOP853");
+              },
+          .converged_nodes = 320,
+          .converged_steps = 20000};
+}
+
+namespace {
 
 void compare(const Problem& problem, double eta, const std::vector<std::size_t>& grids, int first, int our_first,
              int repeats) {
@@ -30,22 +48,7 @@ void compare(const Problem& problem, double eta, const std::vector<std::size_t>&
 
 /// u_t + 6 u u_x + u_xxx = 0: a soliton.
 void korteweg_de_vries(int repeats) {
-  compare({.name = "Korteweg-de Vries soliton",
-           .from = -15,
-           .length = 30,
-           .until = 10,
-           .system = korteweg_de_vries_system("v^2/2 - u*w + u^3"),
-           .fields = {1},
-           .first = [](double x) { return 2 / std::pow(std::cosh(x), 2); },
-           .second = {},
-           .given = {0, 1, 0, 0},
-           .converged =
-               [](std::size_t n) {
-                 return peers::korteweg_de_vries({-15, 30, n}, 6.0, 1.0, "IFDOP853");
-               },
-           .converged_nodes = 320,
-           .converged_steps = 20000},
-          6.0, {80, 96, 108, 128, 144, 160, 180, 192, 216}, 200, 24, repeats);
+  compare(korteweg_de_vries_soliton(), 6.0, {80, 96, 108, 128, 144, 160, 180, 192, 216}, 200, 24, repeats);
 }
 
 /// u_t + u u_x + u_xxx = 0: two solitons, the taller overtaking.

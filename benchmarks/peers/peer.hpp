@@ -65,24 +65,33 @@ protected:
   State state_;
 };
 
+/// A frame that moves at a velocity and turns at a rate, u(t, x) = e^{iωt} u~(t, x - ct): û~_t = (L + ikc - iω) û~ + N.
+/// The state of a peer is u~, and so is its solution.
+struct Frame {
+  double velocity = 0.0, rate = 0.0;
+};
+
 /// u_tt = u_xx - m u + R(u), R(u) = m u - V'(u), by compositions of exact waves and kicks.
 enum class Rest { sine, cubic };  ///< V' = sin u, m = 1; V' = u + u³, m = 1
 [[nodiscard]] std::unique_ptr<Peer> waves_and_kicks(const Line& line, Rest rest, const std::string& composition);
 
 /// i ψ_t + ψ_xx + a|ψ|²ψ = 0 by compositions of the free flow and turns at the nodes.
-[[nodiscard]] std::unique_ptr<Peer> split_step(const Line& line, double a, const std::string& composition);
+[[nodiscard]] std::unique_ptr<Peer> split_step(const Line& line, double a, const std::string& composition,
+                                               const Frame& frame = {});
 
 /// û_t = L û + N(u) by "RK4" and "DOP853" for the whole of the right side, by "IFRK4" and "IFDOP853" with an
-/// integrating factor (Lawson), by "ETDRK4" (Cox and Matthews 2002, coefficients as Kassam and Trefethen 2005), and by
-/// "AB4" … "AB8", Adams and Bashforth's of the whole.
+/// integrating factor (Lawson), by "ETDRK4" (Cox and Matthews 2002, coefficients as Kassam and Trefethen 2005), by
+/// "AB4" … "AB8", Adams and Bashforth's of the whole, and by "Gauss1" … "Gauss8", collocation whose stages are iterated
+/// on N, with L solved for mode by mode.
 ///@{
 /// u_t + η u u_x + γ² u_xxx = 0
 [[nodiscard]] std::unique_ptr<Peer> korteweg_de_vries(const Line& line, double eta, double gamma,
-                                                      const std::string& method);
+                                                      const std::string& method, const Frame& frame = {});
 /// u_t + u_x + u u_x - u_xxt = 0
 [[nodiscard]] std::unique_ptr<Peer> benjamin_bona_mahony(const Line& line, const std::string& method);
 /// i ψ_t + ψ_xx + a|ψ|²ψ = 0
-[[nodiscard]] std::unique_ptr<Peer> schroedinger(const Line& line, double a, const std::string& method);
+[[nodiscard]] std::unique_ptr<Peer> schroedinger(const Line& line, double a, const std::string& method,
+                                                 const Frame& frame = {});
 ///@}
 
 /// u_tt = u_xx - sin u by the leapfrog of second order in both: `steps` steps from u and u_t, into `out`.

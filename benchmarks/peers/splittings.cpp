@@ -70,9 +70,10 @@ private:
 
 class SplitStep final : public Peer {
 public:
-  SplitStep(const Line& line, double a, const std::string& name)
+  SplitStep(const Line& line, double a, const std::string& name, const Frame& frame)
       : Peer(line, Kind::complex),
         a_(a),
+        frame_(frame),
         passes_(rubato::composition(name)),
         transform_(line.nodes),
         angle_(line.nodes),
@@ -86,7 +87,7 @@ public:
     for (const double drift : passes_.drifts) {
       Modes& factor = free.emplace_back(n);
       for (std::size_t k = 0; k < n; ++k) {
-        factor[k] = std::polar(1.0, -line_.wave(k) * line_.wave(k) * drift * h);
+        factor[k] = std::polar(1.0, ((frame_.velocity - line_.wave(k)) * line_.wave(k) - frame_.rate) * drift * h);
       }
     }
     Complex* const u = state_.u.data();
@@ -129,6 +130,7 @@ private:
   }
 
   double a_;
+  Frame frame_;
   Passes passes_;
   ComplexTransform transform_;
   Nodes angle_, c_, s_;
@@ -143,8 +145,8 @@ std::unique_ptr<Peer> waves_and_kicks(const Line& line, Rest rest, const std::st
   return std::make_unique<WavesAndKicks<CubicRest>>(line, composition);
 }
 
-std::unique_ptr<Peer> split_step(const Line& line, double a, const std::string& composition) {
-  return std::make_unique<SplitStep>(line, a, composition);
+std::unique_ptr<Peer> split_step(const Line& line, double a, const std::string& composition, const Frame& frame) {
+  return std::make_unique<SplitStep>(line, a, composition, frame);
 }
 
 }  // namespace peers

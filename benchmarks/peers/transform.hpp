@@ -39,6 +39,9 @@ inline fftw_complex* raw(Complex* values) {
   return reinterpret_cast<fftw_complex*>(values);
 }
 
+/// Transforms so far, of both kinds.
+inline long transforms = 0;
+
 /// Of real values; half of the modes are kept.
 class RealTransform {
 public:
@@ -54,9 +57,13 @@ public:
     fftw_destroy_plan(inverse_);
   }
   /// From x.
-  void forward(Modes& out) { fftw_execute_dft_r2c(forward_, x.data(), raw(out.data())); }
+  void forward(Modes& out) {
+    ++transforms;
+    fftw_execute_dft_r2c(forward_, x.data(), raw(out.data()));
+  }
   /// Into x, without the factor 1/n.
   void inverse(const Modes& in) {
+    ++transforms;
     std::copy(in.begin(), in.end(), scratch_.begin());
     fftw_execute(inverse_);
   }
@@ -83,9 +90,13 @@ public:
     fftw_destroy_plan(inverse_);
   }
   /// From x, which is lost.
-  void forward(Modes& out) { fftw_execute_dft(forward_, raw(x.data()), raw(out.data())); }
+  void forward(Modes& out) {
+    ++transforms;
+    fftw_execute_dft(forward_, raw(x.data()), raw(out.data()));
+  }
   /// Into x, without the factor 1/n.
   void inverse(const Modes& in) {
+    ++transforms;
     std::copy(in.begin(), in.end(), scratch_.begin());
     fftw_execute(inverse_);
   }

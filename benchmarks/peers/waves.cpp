@@ -15,13 +15,14 @@
 
 int main(int argc, char** argv) {
   omp_set_num_threads(1);
-  constexpr std::array<std::pair<const char*, void (*)(int)>, 7> equations = {
+  constexpr std::array<std::pair<const char*, void (*)(int)>, 8> equations = {
       {{"sine-gordon", comparison::sine_gordon},
        {"klein-gordon", comparison::klein_gordon},
        {"nls", comparison::schroedinger},
        {"kdv", comparison::korteweg_de_vries},
        {"kdv-two-solitons", comparison::two_solitons},
        {"bbm", comparison::benjamin_bona_mahony},
+       {"frames", comparison::frames},
        {"second-order", comparison::second_order}}};
   const int repeats = argc > 1 ? std::max(1, std::atoi(argv[1])) : 5;
   for (int a = 2; a < argc; ++a) {
