@@ -43,6 +43,8 @@ struct ConvergenceOutcome {
   bool in_fictitious_time = false;  ///< `until` is
   double step = 0.0;
   std::size_t steps = 0;  ///< that the run with the whole step took
+  /// With which grids were compared: a quarter of `step` where the whole is too long for the finer ones.
+  std::optional<double> grid_step = {};
   std::vector<Convergence> quantities = {};
   /// The step that would reach the tolerance asked for in every quantity relative to its size, if the order held.
   std::optional<double> step_for_tolerance = {};
@@ -62,7 +64,8 @@ void require_refinable(const Problem& problem, const RunOptions& options, std::s
 /// Runs the problem to `until` with its step, a half and a quarter of it, and a lattice also with half and a quarter of
 /// its spacings (with the next odd numbers of cells where the problem's are odd), and compares the states and what
 /// [output.quantities] holds at `until` (dense output; of other grids at the nodes of the problem's, by trigonometric
-/// interpolation). Nothing is written. \throws ProblemError for step = "auto", an ensemble, or a problem whose fields a
+/// interpolation). Where the step is too long for the finer grids, all grids are compared with a quarter of it. Nothing
+/// is written. \throws ProblemError for step = "auto", an ensemble, or a problem whose fields a
 /// record has not at its levels
 [[nodiscard]] ConvergenceOutcome converge(const Problem& problem, std::optional<double> tolerance,
                                           const RunOptions& options = {}, const ConvergeScope& scope = {});

@@ -203,6 +203,29 @@ TEST_CASE("an exact solution that differs by more than the errors of step and gr
   CHECK_THAT(to_json(wrong), Contains("[exact] does not solve the problem: u differs from it by"));
 }
 
+TEST_CASE("a step that is too long for finer grids is refined with them") {
+  const auto of = [](double step) {
+    return converge(parse_problem("[field]\nequation = \"u_tt = u_xx - sin(u)\"\n[grid]\n"
+                                  "x = { from = 0, to = 20, cells = 100 }\n[initial]\n"
+                                  "u = \"exp(-(x - 10)^2)\"\nu_t = \"0\"\n[scheme]\nlagrangian = \"leapfrog\"\n"
+                                  "levels = \"fixed\"\nuntil = 3\n",
+                                  "t.toml", std::vector<std::string>{"scheme.step=" + std::to_string(step)}),
+                    std::nullopt);
+  };
+  // The limit is h = Δx, here 0.2: with a quarter of the spacings it is 0.05.
+  for (const double step : {0.1, 0.04}) {
+    INFO(step);
+    const ConvergenceOutcome outcome = of(step);
+    REQUIRE(outcome.ended);
+    CHECK(outcome.findings.verdict() == figures::Verdict::good);
+    CHECK(outcome.grid_step == (step == 0.1 ? 0.25 * step : step));
+    CHECK((to_table(outcome).find("quarter of the step") != std::string::npos) == (step == 0.1));
+    for (const Convergence& quantity : outcome.quantities) {
+      CHECK(quantity.grid->order().value() == Approx(2.0).margin(0.3));
+    }
+  }
+}
+
 TEST_CASE("errors as large as the quantity itself are no estimates, and the verdict is doubtful") {
   // A plane wave that is unstable: a rounding error of the start is of size 1 at the end.
   const auto of = [](double until) {
