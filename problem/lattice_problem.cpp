@@ -441,11 +441,12 @@ LatticeOptions make_lattice_options(const Problem& problem, const Multisymplecti
 
 namespace {
 
-/// Whether a run looks at the level before: for laws, what happens between levels, errors, and rows of states.
+/// Whether a run looks at the level before: for laws, what happens between levels, errors, what rests in a moving
+/// frame, and rows of states.
 bool reads_previous(const Problem& problem) {
   const Output& output = problem.output;
   return !problem.laws.none() || !problem.multisymplectic()->exact.empty() || !problem.events.empty() || output.any() ||
-         (output.states_every() > 1 && !problem.stores_evolving_alone());
+         problem.scheme.frame.has_value() || (output.states_every() > 1 && !problem.stores_evolving_alone());
 }
 
 /// Calls make(grid, initial, options) with what a lattice begins with, of all of it or of the part of a slab.
@@ -574,6 +575,15 @@ NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& fo
   }
   if (reads_fields_) {
     outputs = jumps.seen(outputs, *graph, fields);
+  } else {
+    const MultisymplecticSystem system = make_system(problem);
+    std::vector<int> of_formulas;
+    std::ranges::transform(names_, std::back_inserter(of_formulas),
+                           [&](const std::string& name) { return system.field(name); });
+    NodalView nodal(system, grid, make_method(problem)->in_mirror().value_or(Collocation::cells));
+    if (nodal.moves(of_formulas)) {
+      nodal_.emplace(std::move(nodal));
+    }
   }
   formula_.emplace(graph, std::move(outputs), fields, grid);
 }
@@ -623,12 +633,13 @@ std::vector<figures::Named<Spread>> lattice_errors(NodeTable& exact, const Multi
                                                    const LatticeLevel& level, double t) {
   std::vector<figures::Named<Spread>> errors;
   const std::vector<std::vector<double>> values = exact.at(level, t);
+  const LatticeLevel& at_nodes = exact.at_nodes(level);
   std::optional<grids::FieldSet> turned;
   if (exact.frame() != nullptr && exact.frame()->phase(t) != 0.0) {
-    turned = level.fields;
+    turned = at_nodes.fields;
     exact.frame()->turn(t, *turned);
   }
-  const grids::FieldSet& fields = turned ? *turned : level.fields;
+  const grids::FieldSet& fields = turned ? *turned : at_nodes.fields;
   for (std::size_t i = 0; i < values.size(); ++i) {
     errors.push_back({exact.names()[i], {}});
     const int f = system.field(exact.names()[i]);

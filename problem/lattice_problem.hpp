@@ -9,6 +9,7 @@
 #include <rubato/pde/jumps.hpp>
 #include <rubato/pde/lattice.hpp>
 #include <rubato/pde/moving_frame.hpp>
+#include <rubato/pde/nodal_view.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/pde/sponge.hpp>
 #include <rubato/problem/problem.hpp>
@@ -73,6 +74,8 @@ public:
   [[nodiscard]] std::vector<double> integrals(const LatticeLevel& level, double t);
   /// The frame, if there is one.
   [[nodiscard]] const MovingFrame* frame() const { return laboratory_ ? &laboratory_->frame() : nullptr; }
+  /// A level with the fields that there are formulas for at the nodes; see NodalView. Valid until the next call.
+  [[nodiscard]] const LatticeLevel& at_nodes(const LatticeLevel& level) { return nodal_ ? (*nodal_)(level) : level; }
   /// The fields with the ramps and turns that levels are without, at the nodes.
   [[nodiscard]] WholeFields& whole() { return whole_; }
 
@@ -80,6 +83,7 @@ private:
   std::vector<std::string> names_;
   std::optional<NodeFormula> formula_;  ///< absent when there is nothing to evaluate
   std::optional<LaboratoryView> laboratory_;
+  std::optional<NodalView> nodal_;
   WholeFields whole_;
   bool reads_fields_;
 };

@@ -5,6 +5,7 @@
 
 #include <rubato/grids/reductions.hpp>
 #include <rubato/pde/lattice_between.hpp>
+#include <rubato/pde/nodal_view.hpp>
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/run/lattice_quantity.hpp>
 #include <rubato/run/output.hpp>
@@ -21,7 +22,8 @@ public:
         grid_(present_grid(problem)),
         method_(make_method(problem)),
         level_(make_initial_level(problem, system_, grid_)),
-        next_(level_) {
+        next_(level_),
+        nodal_(system_, grid_, method_->in_mirror().value_or(Collocation::cells)) {
     for (const OutputQuantity& quantity : problem.output.quantities) {
       quantities_.emplace_back(problem, quantity, system_, grid_);
     }
@@ -80,7 +82,7 @@ private:
 
   bool write(RowSink& sink, const LatticeLevel& level, double t) {
     if (with_states_) {
-      const LatticeLevel& shown = laboratory_ ? (*laboratory_)(level, t) : level;
+      const LatticeLevel& shown = nodal_(laboratory_ ? (*laboratory_)(level, t) : level);
       auto column = columns_.begin();
       for (const int f : reported()) {
         sink.append(*column++, whole_(f, shown.fields.all()));
@@ -101,6 +103,7 @@ private:
   grids::Grid grid_;
   std::unique_ptr<LatticeMethod> method_;
   LatticeLevel level_, next_;
+  NodalView nodal_;
   std::vector<LatticeQuantity> quantities_;
   std::optional<LaboratoryView> laboratory_;  ///< output times are of the laboratory
   WholeFields whole_;

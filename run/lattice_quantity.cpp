@@ -1,6 +1,7 @@
 #include <rubato/run/lattice_quantity.hpp>
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
@@ -13,18 +14,29 @@ namespace rubato {
 
 namespace {
 
-void refuse_midpoints(const formula::Graph& graph, formula::Expression formula, const OutputQuantity& quantity,
-                      const MultisymplecticSystem& system) {
+/// The fields that a formula names, in derivatives as well.
+std::vector<int> fields_of(const formula::Graph& graph, formula::Expression formula,
+                           const MultisymplecticSystem& system) {
+  std::vector<int> fields;
   for (const std::size_t variable : formula::variables_of(formula)) {
     std::string name = graph.variable_name(variable);
     while (name.ends_with(")")) {  // dx(f)
       name = name.substr(3, name.size() - 4);
     }
-    const auto found = std::ranges::find(system.fields(), name);
-    if (found != system.fields().end() && system.structure().at_midpoints(system.field(name))) {
-      throw ProblemError(
-          quantity.formula.location,
-          fmt::format("{} exists in the middle of steps only, and a quantity needs its value at a level", name));
+    if (std::ranges::find(system.fields(), name) != system.fields().end()) {
+      fields.push_back(system.field(name));
+    }
+  }
+  return fields;
+}
+
+void refuse_midpoints(const std::vector<int>& fields, const OutputQuantity& quantity,
+                      const MultisymplecticSystem& system) {
+  for (const int f : fields) {
+    if (system.structure().at_midpoints(f)) {
+      throw ProblemError(quantity.formula.location,
+                         fmt::format("{} exists in the middle of steps only, and a quantity needs its value at a level",
+                                     system.fields()[static_cast<std::size_t>(f)]));
     }
   }
 }
@@ -44,10 +56,11 @@ LatticeQuantity::LatticeQuantity(const Problem& problem, const OutputQuantity& q
   std::vector<formula::Expression> integrands;
   formula::Expression value =
       problem.build_quantity(quantity.formula, *graph, quantity_names(pde), pde.fields, integrands);
+  std::vector<int> named = fields_of(*graph, value, system);
   for (const auto& formula : integrands) {
-    refuse_midpoints(*graph, formula, quantity, system);
+    std::ranges::copy(fields_of(*graph, formula, system), std::back_inserter(named));
   }
-  refuse_midpoints(*graph, value, quantity, system);
+  refuse_midpoints(named, quantity, system);
   const Jumps jumps = make_jumps(problem);
   value = jumps.seen({value}, *graph, pde.fields).front();
   integrands = jumps.seen(integrands, *graph, pde.fields);
@@ -74,10 +87,15 @@ LatticeQuantity::LatticeQuantity(const Problem& problem, const OutputQuantity& q
   if (auto frame = make_frame(problem)) {
     laboratory_.emplace(std::move(*frame), grid);
   }
+  NodalView nodal(system, grid, make_method(problem)->in_mirror().value_or(Collocation::cells));
+  if (nodal.moves(named)) {
+    nodal_.emplace(std::move(nodal));
+  }
 }
 
 std::vector<double> LatticeQuantity::at(const LatticeLevel& of_frame, double t) {
-  const LatticeLevel& level = laboratory_ ? (*laboratory_)(of_frame, t) : of_frame;
+  const LatticeLevel& of_laboratory = laboratory_ ? (*laboratory_)(of_frame, t) : of_frame;
+  const LatticeLevel& level = nodal_ ? (*nodal_)(of_laboratory) : of_laboratory;
   const std::vector<double> numbers = integrands_ ? integrands_->integrals(level, t) : std::vector<double>();
   return point_ ? value_->at_point(level, t, *point_, numbers) : std::move((*value_)(level, t, numbers).front());
 }

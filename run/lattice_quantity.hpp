@@ -6,6 +6,7 @@
 
 #include <rubato/pde/moving_frame.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/nodal_view.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/problem/problem.hpp>
 
@@ -32,6 +33,7 @@ private:
   std::optional<NodeFormula> integrands_, value_;
   std::optional<grids::PointInterpolation> point_;
   std::optional<LaboratoryView> laboratory_;
+  std::optional<NodalView> nodal_;  ///< where the formula names fields between nodes
 };
 
 }  // namespace rubato
