@@ -174,9 +174,19 @@ public:
             return std::nullopt;
           }
           if (name == "uniform") {
+            if (arguments[0].is_constant() && arguments[1].is_constant() &&
+                arguments[0].constant_value() > arguments[1].constant_value()) {
+              throw ProblemError(text.location, "uniform(from, to) needs from to be no larger than to");
+            }
             return arguments[0] + (arguments[1] - arguments[0]) * draw();
           }
           if (name == "normal") {  // Box and Muller
+            if (arguments[1].is_constant() && !(arguments[1].constant_value() >= 0.0)) {
+              throw ProblemError(text.location,
+                                 fmt::format("the deviation of normal(mean, deviation) is {}: write one that is not "
+                                             "negative",
+                                             arguments[1].constant_value()));
+            }
             const formula::Expression radius = sqrt(-2.0 * log(draw()));
             return arguments[0] + arguments[1] * radius * cos(2.0 * std::numbers::pi * draw());
           }

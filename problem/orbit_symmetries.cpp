@@ -76,6 +76,11 @@ private:
       components[place] = read_formula(component.value, component.key);
       of_momenta = of_momenta || place >= n_;
     }
+    if (std::ranges::all_of(components, [](const FormulaText& X) { return X.text == "0"; })) {
+      throw ProblemError(entry.value.location,
+                         fmt::format("{0} moves nothing: write the rates of what it moves, as {0} = {{ {1} = \"1\" }}",
+                                     entry.key, names_.front()));
+    }
     of_momenta ? add_linear(entry, components) : add_lifted(entry, components);
   }
 
@@ -88,7 +93,7 @@ private:
         text += fmt::format("{}{}*({})", text.empty() ? "" : " + ", orbit_.p[i], components[i].text);
       }
     }
-    add(entry.key, text.empty() ? "0" : text, entry.value.location);
+    add(entry.key, text, entry.value.location);
   }
 
   /// X(z) = Bz + b on both: J = ½(p·(X_q + b_q) - q·(X_p + b_p)), where the form of B and dp∧dq is symmetric.
@@ -139,7 +144,7 @@ private:
         }
       }
     }
-    add(entry.key, text.empty() ? "0" : "0" + text, entry.value.location);
+    add(entry.key, "0" + text, entry.value.location);
   }
 
   /// All linear symmetries of H beside those that are stated and its own flow, as linear_1, linear_2 …

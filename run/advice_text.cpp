@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <charconv>
 #include <string>
 #include <vector>
 
@@ -16,7 +17,9 @@ namespace {
 figures::JsonObject json(const AdvisedScheme& scheme) {
   figures::JsonObject object, entries, cells;
   for (const auto& [key, value] : scheme.entries) {
-    entries.text(key, unquoted(value));
+    double number = 0.0;  // of TOML that is not a string
+    const bool is_number = std::from_chars(value.data(), value.data() + value.size(), number).ec == std::errc();
+    is_number ? entries.number(key, number) : entries.text(key, unquoted(value));
   }
   object.object("scheme", entries).number("step", scheme.step);
   for (const auto& [axis, count] : scheme.cells) {

@@ -237,6 +237,8 @@ TEST_CASE("what is wrong with an ensemble is told before anything is written") {
   CHECK_THAT(refusal("grid = { output.every = [1, 2] }"), Contains("one for all members"));
   CHECK_THAT(refusal("random = { initial.p = \"uniform(0, 1)\" }"), Contains("count"));
   CHECK_THAT(refusal("random = { count = 2, initial.p = \"unifrom(0, 1)\" }"), Contains("uniform(from, to)"));
+  CHECK_THAT(refusal("random = { count = 2, initial.p = \"normal(0, -1)\" }"), Contains("deviation of normal"));
+  CHECK_THAT(refusal("random = { count = 2, initial.p = \"uniform(2, 0)\" }"), Contains("uniform(from, to) needs"));
   CHECK_THAT(refusal("random = { count = 2, initial.p = \"1/(uniform(0, 1) - uniform(0, 1))*0/0\" }"),
              Contains("for member 0"));
   CHECK_THAT(refusal("grid = { initial.p = \"0:1:100000\", initial.q = \"0:1:100000\" }"), Contains("more than"));

@@ -130,6 +130,8 @@ TEST_CASE("generators of both coordinates and momenta are linear and canonical",
   CHECK_THAT(why_not(central("a = { x = \"-y\", u = \"x^2\" }")), Contains("has to be linear"));
   CHECK_THAT(why_not(central("a = { w = \"-y\" }")), Contains("no coordinate or momentum"));
   CHECK_THAT(why_not(central("a = 3")), Contains("has to be a generator"));
+  CHECK_THAT(why_not(central("a = {}")), Contains("a moves nothing"));
+  CHECK_THAT(why_not(central("a = { x = \"0\", u = \"0\" }")), Contains("a moves nothing"));
   CHECK_THAT(why_not(central("a = { x = \"u\" }")), Contains("u"));
   CHECK_THAT(why_not(central(rotation + "\n[invariants]\nrotation = \"x\"")), Contains("[invariants], too"));
 }
