@@ -17,6 +17,8 @@ namespace {
 constexpr double doubtful_energy = 0.1, lost_energy = 0.5;
 /// Of a field's power, the share in the last third of its waves.
 constexpr double doubtful_waves = 1e-6, lost_waves = 1e-2;
+/// Of the size of a formula, what it is off between the nodes: waves of three nodes have half, aliases nearly all.
+constexpr double doubtful_between = 0.6, lost_between = 0.75;
 /// Breaks of slope or value at the seam below this are less than truncation errors usually are.
 constexpr double doubtful_period = 1e-3;
 /// Errors of an exact solution at the start are rounding; those of its first increment truncation errors, of the cells
@@ -43,6 +45,7 @@ public:
     judge_energy();
     judge_law();
     judge_waves();
+    judge_sampling();
     judge_period();
     judge_exact();
     judge_resolution();
@@ -114,6 +117,18 @@ private:
                            "the grid (at t = {:.6g})",
                            measures_.waves, measures_.waves_t),
            .remedy = "take more cells, or end the run before"});
+    }
+  }
+
+  void judge_sampling() {
+    if (measures_.between_nodes > doubtful_between) {
+      add({.kind = ReasonKind::spectrum,
+           .verdict = measures_.between_nodes > lost_between ? Verdict::lost : Verdict::doubtful,
+           .value = measures_.between_nodes,
+           .finding = fmt::format("the grid does not hold the formulas of [initial], or S as a function of place: "
+                                  "between the nodes they are off by {:.2g} of their size",
+                                  measures_.between_nodes),
+           .remedy = "take more cells"});
     }
   }
 

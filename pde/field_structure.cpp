@@ -1,8 +1,10 @@
+#include <rubato/formula/branches.hpp>
 #include <rubato/pde/field_structure.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <iterator>
 #include <stdexcept>
 #include <string>
 
@@ -10,6 +12,7 @@
 #include <fmt/ranges.h>
 
 #include <rubato/pde/multisymplectic_system.hpp>
+#include <rubato/pde/random_points.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
@@ -178,9 +181,11 @@ void refuse_undetermined_across(const MultisymplecticSystem& system, std::mt1993
 /// Constant vectors b with b·∇S = 0, from gradients at random points.
 MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt19937_64& random) {
   const Index d = system.field_count();
-  formula::ScalarEvaluator evaluate(system.gradient_code());
+  std::vector<formula::ScalarEvaluator> potentials;
+  std::ranges::transform(formula::branch_scales, std::back_inserter(potentials),
+                         [&](double scale) { return potential_on_branches(system, scale); });
   std::vector<double> z(system.variables().size());
-  std::vector<double> outputs(static_cast<std::size_t>(d) + 1);
+  std::vector<double> outputs(1 + system.fields().size() + system.coordinates().size());
   MatrixXd gradients = MatrixXd::Zero(4 * d, d);
   std::uniform_real_distribution<double> value(0.1, 1.4);
   Index row = 0;
@@ -188,7 +193,7 @@ MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt1993
     for (double& component : z) {
       component = attempt % 2 == 0 ? value(random) : value(random) - 0.75;
     }
-    evaluate(z, outputs);
+    potentials[static_cast<std::size_t>(attempt / 2) % potentials.size()](z, outputs);
     const Eigen::Map<const VectorXd> gradient(outputs.data() + 1, d);
     if (gradient.allFinite()) {
       gradients.row(row++) = gradient.transpose();

@@ -15,6 +15,7 @@
 #include <fmt/ranges.h>
 #include <Eigen/Core>
 
+#include <rubato/formula/branches.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/pde/antiderivative.hpp>
@@ -293,35 +294,35 @@ private:
     }
     return V;
   }
-  /// Values of formulas at random points where all of them are finite.
+  /// Values of formulas, on other branches, at random points where all of them are finite.
   [[nodiscard]] static std::vector<std::vector<double>> values_of(const std::vector<Expression>& all) {
-    std::vector<Expression> variables;
-    for (const Expression e : all) {
-      for (const std::size_t number : formula::variables_of(e)) {
-        const Expression variable = e.graph()->variable(e.graph()->variable_name(number));
-        if (std::ranges::find(variables, variable) == variables.end()) {
-          variables.push_back(variable);
-        }
-      }
-    }
-    formula::ScalarEvaluator evaluate(formula::Bytecode(all, variables));
-    std::mt19937_64 random(20);
-    std::uniform_real_distribution<double> value(0.1, 1.4);
     std::vector<std::vector<double>> found;
-    std::vector<double> point(variables.size()), values(all.size());
-    constexpr int points = 10;
-    for (int n = 0; n < points; ++n) {
-      std::ranges::generate(point, [&] { return value(random); });
-      evaluate(point, values);
-      if (std::ranges::all_of(values, [](double v) { return std::isfinite(v); })) {
-        found.push_back(values);
+    for (const double scale : formula::branch_scales) {
+      formula::Graph graph;
+      const std::vector<Expression> outputs = formula::on_other_branches(all, graph, scale);
+      std::vector<Expression> variables;
+      for (std::size_t number = 0; number < graph.variable_count(); ++number) {
+        variables.push_back(graph.variable(graph.variable_name(number)));
+      }
+      formula::ScalarEvaluator evaluate(formula::Bytecode(outputs, variables));
+      std::mt19937_64 random(20);
+      std::uniform_real_distribution<double> value(0.1, 1.4);
+      std::vector<double> point(variables.size()), values(all.size());
+      constexpr int points = 20;
+      for (int n = 0; n < points; ++n) {
+        std::ranges::generate(point, [&] { return value(random); });
+        evaluate(point, values);
+        if (std::ranges::all_of(values, [](double v) { return std::isfinite(v); })) {
+          found.push_back(values);
+        }
       }
     }
     return found;
   }
   [[nodiscard]] static bool vanishes(const std::vector<Expression>& parts) {
     constexpr double rounding = 1e-11;
-    return std::ranges::all_of(values_of(parts), [](const std::vector<double>& values) {
+    const std::vector<std::vector<double>> found = values_of(parts);
+    return !found.empty() && std::ranges::all_of(found, [](const std::vector<double>& values) {
       double sum = 0.0, size = 0.0;
       for (const double v : values) {
         sum += v;

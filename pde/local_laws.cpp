@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <random>
 #include <stdexcept>
 #include <utility>
@@ -9,7 +10,9 @@
 #include <fmt/format.h>
 
 #include <rubato/formula/batch.hpp>
+#include <rubato/formula/branches.hpp>
 #include <rubato/pde/law_evaluator.hpp>
+#include <rubato/pde/random_points.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -42,14 +45,17 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   }
   std::mt19937_64 random(50);
   std::uniform_real_distribution<double> value(0.1, 1.4);
-  formula::ScalarEvaluator evaluate(system.gradient_code());
+  std::vector<formula::ScalarEvaluator> potentials;
+  std::ranges::transform(formula::branch_scales, std::back_inserter(potentials),
+                         [&](double scale) { return potential_on_branches(system, scale); });
   Eigen::VectorXd point(static_cast<Eigen::Index>(system.variables().size()));
-  std::vector<double> outputs(static_cast<std::size_t>(d) + 1);
+  std::vector<double> outputs(1 + system.fields().size() + system.coordinates().size());
   for (int attempt = 0; attempt < 10; ++attempt) {
     for (double& component : point) {
       component = value(random);
     }
-    evaluate({point.data(), static_cast<std::size_t>(point.size())}, outputs);
+    potentials[static_cast<std::size_t>(attempt) % potentials.size()](
+        {point.data(), static_cast<std::size_t>(point.size())}, outputs);
     const Eigen::VectorXd z = point.head(d);
     const Eigen::Map<const Eigen::VectorXd> gradient(outputs.data() + 1, d);
     const Eigen::VectorXd direction = solve::product(B, z);

@@ -1,12 +1,28 @@
 #include <rubato/pde/random_points.hpp>
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <random>
 #include <span>
 
-#include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/branches.hpp>
 
 namespace rubato {
+
+formula::ScalarEvaluator potential_on_branches(const MultisymplecticSystem& system, double scale) {
+  const std::span<const formula::Expression> z(system.variables().data(), system.fields().size());
+  std::vector<formula::Expression> outputs = {system.expression()};
+  std::ranges::copy(formula::gradient(system.expression(), z), std::back_inserter(outputs));
+  std::ranges::copy(system.sources(), std::back_inserter(outputs));
+  formula::Graph other;
+  outputs = formula::on_other_branches(outputs, other, scale);
+  std::vector<formula::Expression> variables;
+  for (const formula::Expression& variable : system.variables()) {
+    variables.push_back(other.variable(system.graph()->variable_name(formula::variables_of(variable).front())));
+  }
+  return formula::ScalarEvaluator(formula::Bytecode(outputs, variables));
+}
 
 std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted) {
   return samples_of(system, wanted, Eigen::VectorXd::Ones(system.field_count()));
@@ -19,9 +35,11 @@ std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eig
   std::mt19937_64 random(51);
   std::uniform_real_distribution<double> value(-1.4, 1.4);
   const Index d = system.field_count(), coordinates = static_cast<Index>(system.coordinates().size());
-  formula::ScalarEvaluator gradient(system.gradient_code()), source(system.source_code());
+  std::vector<formula::ScalarEvaluator> potentials;
+  std::ranges::transform(formula::branch_scales, std::back_inserter(potentials),
+                         [&](double scale) { return potential_on_branches(system, scale); });
   std::vector<PotentialSample> samples;
-  std::vector<double> outputs(static_cast<std::size_t>(d) + 1), sources(static_cast<std::size_t>(coordinates));
+  std::vector<double> outputs(static_cast<std::size_t>(1 + d + coordinates));
   for (Index attempt = 0; static_cast<Index>(samples.size()) < wanted && attempt < 4 * wanted; ++attempt) {
     PotentialSample one;
     one.point = VectorXd::NullaryExpr(static_cast<Index>(system.variables().size()), [&] { return value(random); });
@@ -30,14 +48,10 @@ std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eig
     }
     one.point.head(d).array() *= sizes.array();
     const std::span<const double> at(one.point.data(), static_cast<std::size_t>(one.point.size()));
-    gradient(at, outputs);
+    potentials[static_cast<std::size_t>(attempt) % potentials.size()](at, outputs);
     one.S = outputs[0];
     one.gradient = Eigen::Map<const VectorXd>(outputs.data() + 1, d);
-    one.sources = VectorXd::Zero(coordinates);
-    if (coordinates > 0) {
-      source(at, sources);
-      one.sources = Eigen::Map<const VectorXd>(sources.data(), coordinates);
-    }
+    one.sources = Eigen::Map<const VectorXd>(outputs.data() + 1 + d, coordinates);
     if (std::isfinite(one.S) && one.gradient.allFinite() && one.sources.allFinite()) {
       samples.push_back(std::move(one));
     }

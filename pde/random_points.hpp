@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 
+#include <rubato/formula/bytecode.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 
 namespace rubato {
@@ -14,8 +15,12 @@ struct PotentialSample {
   double S = 0.0;
 };
 
-/// As many samples at random points where all of them are finite, or fewer where S is defined at few: then positive
-/// points are tried, too. The same for every call. \param sizes what the fields are multiplied by
+/// S, ∂S/∂z of all fields, and the sources, on other branches (formula/branches.hpp): of the variables of the
+/// system. What holds of these at random points holds of S everywhere.
+[[nodiscard]] formula::ScalarEvaluator potential_on_branches(const MultisymplecticSystem& system, double scale);
+
+/// As many samples of S on other branches at random points where all of them are finite, or fewer where S is defined at
+/// few: then positive points are tried, too. The same for every call. \param sizes what the fields are multiplied by
 [[nodiscard]] std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted,
                                                       const Eigen::VectorXd& sizes);
 [[nodiscard]] std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted);

@@ -15,6 +15,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/branches.hpp>
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/sum.hpp>
@@ -82,26 +83,31 @@ constexpr DerivativeOrder by_t = {1, 0, 0, 0};
 
 /// True if the terms of a sum cancel whatever their variables are, as those of the imaginary part of psi*conj(psi) do.
 bool vanishes(formula::Expression sum, formula::Graph& graph) {
-  std::vector<formula::Expression> terms = formula::terms_of(sum, formula::Products::expanded), variables;
-  for (const std::size_t variable : formula::variables_of(sum)) {
-    variables.push_back(graph.variable(graph.variable_name(variable)));
-  }
-  formula::ScalarEvaluator evaluate(formula::Bytecode(terms, variables));
-  std::mt19937_64 random(7);
-  std::uniform_real_distribution<double> value(0.5, 1.5);
-  std::vector<double> point(variables.size()), values(terms.size());
-  constexpr int points = 5;
+  const std::vector<formula::Expression> terms = formula::terms_of(sum, formula::Products::expanded);
+  constexpr int points = 16;
   constexpr double rounding = 1e-12;
-  for (int n = 0; n < points; ++n) {
-    std::ranges::generate(point, [&] { return value(random); });
-    evaluate(point, values);
-    double total = 0.0, size = 0.0;
-    for (const double term : values) {
-      total += term;
-      size += std::abs(term);
+  for (const double scale : formula::branch_scales) {
+    formula::Graph other;
+    const std::vector<formula::Expression> outputs = formula::on_other_branches(terms, other, scale);
+    std::vector<formula::Expression> variables;
+    for (const std::size_t variable : formula::variables_of(sum)) {
+      variables.push_back(other.variable(graph.variable_name(variable)));
     }
-    if (!(std::abs(total) <= rounding * size)) {
-      return false;
+    formula::ScalarEvaluator evaluate(formula::Bytecode(outputs, variables));
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> value(0.5, 1.5);
+    std::vector<double> point(variables.size()), values(terms.size());
+    for (int n = 0; n < points; ++n) {
+      std::ranges::generate(point, [&] { return value(random); });
+      evaluate(point, values);
+      double total = 0.0, size = 0.0;
+      for (const double term : values) {
+        total += term;
+        size += std::abs(term);
+      }
+      if (!(std::abs(total) <= rounding * size)) {
+        return false;
+      }
     }
   }
   return true;

@@ -1,17 +1,23 @@
 #include <rubato/run/lattice_meter.hpp>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <numbers>
 
+#include <rubato/base/larger.hpp>
+#include <rubato/formula/branches.hpp>
 #include <rubato/grids/lines.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/whole.hpp>
 #include <rubato/pde/action_consistency.hpp>
 #include <rubato/pde/natural_sizes.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/well_posedness.hpp>
+#include <rubato/problem/grid_sampling.hpp>
 
 namespace rubato {
 
@@ -39,6 +45,31 @@ bool names_noise(const Problem& problem) {
                              [&](const Parameter& one) { return one.definition && names_it(*one.definition); });
 }
 
+/// Measures::action.
+double off_equation(const MultisymplecticSystem& system, const CornerDensity& density, const LatticeLevel& first) {
+  StatedAction stated = state_action(system, density);
+  stated.typical = typical_values(first);
+  const ActionConsistency found = consistency_of(system, stated);
+  return found.is_tested || !found.wrong.empty() ? found.off : figures::Measures::none;
+}
+
+/// On other branches, where formulas differ that differ anywhere.
+MultisymplecticSystem on_branches(const MultisymplecticSystem& system, double scale) {
+  auto graph = std::make_shared<formula::Graph>();
+  std::vector<Eigen::MatrixXd> K;
+  for (int a = 0; a < system.directions(); ++a) {
+    K.push_back(system.K(a));
+  }
+  const formula::Expression S = formula::on_other_branches(std::array{system.expression()}, *graph, scale).front();
+  const MultisymplecticSystem result(graph, system.fields(), system.M(), K, S);
+  const std::vector<bool> at_midpoints = system.structure().at_midpoints();
+  return std::ranges::find(at_midpoints, true) == at_midpoints.end() ? result.at_levels() : result;
+}
+CornerDensity on_branches(CornerDensity density, double scale) {
+  density.L = formula::on_other_branches(std::array{density.L}, *density.graph, scale).front();
+  return density;
+}
+
 }  // namespace
 
 LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid,
@@ -54,13 +85,20 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
   const bool is_chain =
       !by_waves && std::ranges::all_of(grid.axes(), [](const grids::Axis& axis) { return axis.spacing() == 1.0; });
   rough_ = is_chain || names_noise(problem);
+  between_nodes_ =
+      rough_ ? between_nodes_ : lost_between_nodes(problem, system, grids::whole_of(grid), typical_values(first));
   freezes_alternating_ = by_waves;
   moves_waves_exactly_ = scheme.method == "splitting";
   if (scheme.density != nullptr) {
-    StatedAction stated = state_action(system.without_constant(), *scheme.density);
-    stated.typical = typical_values(first);
-    const ActionConsistency found = consistency_of(system.without_constant(), stated);
-    action_ = found.is_tested || !found.wrong.empty() ? found.off : action_;
+    action_ = off_equation(system.without_constant(), *scheme.density, first);
+    for (const double scale : formula::branch_scales) {
+      if (!formula::have_one_branch(std::array{system.expression()}) ||
+          !formula::have_one_branch(std::array{scheme.density->L})) {
+        const double off =
+            off_equation(on_branches(system.without_constant(), scale), on_branches(*scheme.density, scale), first);
+        action_ = std::isnan(off) ? action_ : larger(off, std::isnan(action_) ? 0.0 : action_);
+      }
+    }
   }
   if (!system.coordinates().empty()) {
     const std::span<const formula::Expression> fields =
@@ -148,10 +186,11 @@ void LatticeMeter::remove_rounding(std::vector<Spectrum>& spectra, std::span<con
 }
 
 void LatticeMeter::measure(const LatticeLevel& level, std::span<const double> magnitudes, std::size_t number, double t,
-                           double h, figures::Measures& measures) {
+                           double h, figures::Measures& measures, const LatticeLevel* before) {
   const bool is_start = h == 0.0;
   measures.rough = rough_ ? 1.0 : 0.0;
   measures.action = action_;
+  measures.between_nodes = is_start ? between_nodes_ : measures.between_nodes;
   const auto count = static_cast<std::size_t>(system_.field_count());
   std::vector<Spectrum> spectra;
   for (int f = 0; f < system_.field_count(); ++f) {
@@ -200,14 +239,37 @@ void LatticeMeter::measure(const LatticeLevel& level, std::span<const double> ma
     }
   }
   if (std::has_single_bit(number)) {
-    measure_turn(spectra, hessian, energies, t, h, measures);
+    measure_turn(spectra, before == nullptr ? spectra : moving_part(spectra, level, *before), hessian, energies, t, h,
+                 measures);
   }
-  measure_period(level, t, is_start, measures);
+  measure_period(level, counts, t, is_start, measures);
   measure_seam(level, counts, t, is_start, measures);
 }
 
-void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
-                                const std::vector<double>& energies, double t, double h,
+/// The waves that a step changes, each whole where it turns by a quarter or more: its power changes by |1 - exp(iωh)|²
+/// of itself then, which is 2.
+std::vector<LatticeMeter::Spectrum> LatticeMeter::moving_part(const std::vector<Spectrum>& spectra,
+                                                              const LatticeLevel& level, const LatticeLevel& before) {
+  std::vector<Spectrum> moving = spectra;
+  std::vector<double> change(grid_.size());
+  for (std::size_t f = 0; f < moving.size(); ++f) {
+    if (!(moving[f].power > 0.0)) {
+      continue;
+    }
+    const auto now = level.fields.field(static_cast<int>(f)), then = before.fields.field(static_cast<int>(f));
+    std::ranges::transform(now, then, change.begin(), std::minus());
+    for (int a = 0; a < grid_.dimensions(); ++a) {
+      const std::vector<double> powers = powers_along(a, change);
+      std::vector<double>& along = moving[f].along[static_cast<std::size_t>(a)];
+      std::ranges::transform(along, powers, along.begin(),
+                             [](double whole, double part) { return std::min(whole, 0.5 * part); });
+    }
+  }
+  return moving;
+}
+
+void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const std::vector<Spectrum>& moving,
+                                const Eigen::MatrixXd& hessian, const std::vector<double>& energies, double t, double h,
                                 figures::Measures& measures) const {
   if (h == 0.0 || moves_waves_exactly_) {
     return;
@@ -219,10 +281,11 @@ void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const Eige
       if (!(spectra[f].power > 0.0)) {
         continue;
       }
-      const std::vector<double>& along = spectra[f].along[static_cast<std::size_t>(axis)];
-      for (std::size_t k = 1; k < along.size(); ++k) {
-        energy[k] += energies[f] * along[k] / spectra[f].power;
-        all += energies[f] * along[k] / spectra[f].power;
+      const auto a = static_cast<std::size_t>(axis);
+      const double weight = energies[f] / spectra[f].power;
+      for (std::size_t k = 1; k < energy.size(); ++k) {
+        energy[k] += weight * moving[f].along[a][k];
+        all += weight * spectra[f].along[a][k];
       }
     }
     std::size_t highest = energy.size() - 1;
@@ -244,7 +307,8 @@ void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const Eige
   }
 }
 
-void LatticeMeter::measure_period(const LatticeLevel& level, double t, bool is_start, figures::Measures& measures) {
+void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
+                                  figures::Measures& measures) {
   const auto look_at = [&](std::span<const double> values) {
     const auto broken = find_seam_break(grid_, values);
     const auto is_driven = [this](int axis) {
@@ -260,14 +324,17 @@ void LatticeMeter::measure_period(const LatticeLevel& level, double t, bool is_s
   };
   if (is_start) {
     for (int f = 0; f < system_.field_count(); ++f) {
-      if (moves(f)) {
+      if (counts[static_cast<std::size_t>(f)]) {
         look_at(level.fields.field(f));
       }
     }
   }
   if (gradient_) {
-    for (const std::vector<double>& values : (*gradient_)(level, t)) {
-      look_at(values);
+    const std::vector<std::vector<double>> slopes = (*gradient_)(level, t);
+    for (std::size_t f = 0; f < slopes.size(); ++f) {
+      if (counts[f] || !moves_[f]) {
+        look_at(slopes[f]);
+      }
     }
   }
 }
@@ -280,7 +347,8 @@ void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<boo
   }
   double most = 0.0;
   for (int f = 0; f < system_.field_count(); ++f) {
-    if (!counts[static_cast<std::size_t>(f)]) {
+    // A potential has no zero of its own.
+    if (!counts[static_cast<std::size_t>(f)] || system_.structure().potential[static_cast<std::size_t>(f)]) {
       continue;
     }
     const std::span<const double> values = level.fields.field(f);

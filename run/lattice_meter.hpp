@@ -31,9 +31,10 @@ public:
   /// \param magnitudes of each field, the largest number that its values are sums of: a ramp that the level is without
   /// leaves its rounding there
   /// \param number of the level; the steps are compared with the waves where it is a power of two, which is enough to
-  /// see waves come up \param h of the step that led to the level; 0 at the start
+  /// see waves come up \param h of the step that led to the level; 0 at the start \param before of a moving frame the
+  /// level before, so that waves count by what they change: there those of a travelling wave rest
   void measure(const LatticeLevel& level, std::span<const double> magnitudes, std::size_t number, double t, double h,
-               figures::Measures& measures);
+               figures::Measures& measures, const LatticeLevel* before = nullptr);
 
 private:
   /// The power of a field's waves.
@@ -49,21 +50,25 @@ private:
   [[nodiscard]] std::vector<double> powers_along(int axis, std::span<const double> values);
   void remove_rounding(std::vector<Spectrum>& spectra, std::span<const double> magnitudes) const;
   [[nodiscard]] Eigen::MatrixXd hessian_of(const std::vector<Spectrum>& spectra) const;
-  void measure_turn(const std::vector<Spectrum>& spectra, const Eigen::MatrixXd& hessian,
-                    const std::vector<double>& energies, double t, double h, figures::Measures& measures) const;
-  void measure_period(const LatticeLevel& level, double t, bool is_start, figures::Measures& measures);
+  [[nodiscard]] std::vector<Spectrum> moving_part(const std::vector<Spectrum>& spectra, const LatticeLevel& level,
+                                                  const LatticeLevel& before);
+  void measure_turn(const std::vector<Spectrum>& spectra, const std::vector<Spectrum>& moving,
+                    const Eigen::MatrixXd& hessian, const std::vector<double>& energies, double t, double h,
+                    figures::Measures& measures) const;
+  void measure_period(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
+                      figures::Measures& measures);
   void measure_seam(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
                     figures::Measures& measures) const;
-  [[nodiscard]] bool moves(int field) const { return moves_[static_cast<std::size_t>(field)]; }
 
   const MultisymplecticSystem& system_;
   const grids::Grid& grid_;
-  std::vector<bool> moves_;                  ///< the fields with an equation of motion, at levels
-  std::optional<NodeFormula> gradient_;      ///< ∇S, where S names a coordinate
-  bool is_driven_ = false;                   ///< by walls
-  double action_ = figures::Measures::none;  ///< Measures::action
-  bool rough_ = false;                       ///< Measures::rough
-  bool freezes_alternating_ = false;         ///< the scheme's derivative of the shortest wave of an even number is 0
+  std::vector<bool> moves_;                         ///< the fields with an equation of motion, at levels
+  std::optional<NodeFormula> gradient_;             ///< ∇S, where S names a coordinate
+  bool is_driven_ = false;                          ///< by walls
+  double action_ = figures::Measures::none;         ///< Measures::action
+  bool rough_ = false;                              ///< Measures::rough
+  double between_nodes_ = figures::Measures::none;  ///< Measures::between_nodes
+  bool freezes_alternating_ = false;  ///< the scheme's derivative of the shortest wave of an even number is 0
   bool moves_waves_exactly_ = false;
   std::array<std::optional<grids::Fourier>, 3> waves_;  ///< of a line along each axis
 };

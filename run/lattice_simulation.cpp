@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <iterator>
 #include <limits>
@@ -88,7 +89,8 @@ public:
     if (mirrors_) {
       meter_.measure(mirrors_->extended_without_slope(level), magnitudes, number, t(), last_h_, measures);
     } else {
-      meter_.measure(level, magnitudes, number, t(), last_h_, measures);
+      meter_.measure(level, magnitudes, number, t(), last_h_, measures,
+                     frame_ && std::has_single_bit(number) ? &lattice_.previous() : nullptr);
     }
     // A wave that rests in the frame shows no increment.
     if (number < (frame_ ? 1U : 2U)) {

@@ -91,6 +91,21 @@ TEST_CASE("a wave that rests in the frame has no error of the step") {
   CHECK(error_of("nls", joined(schroedinger, {with_the_wave})) > 0.9 * error_of("nls", schroedinger));
 }
 
+TEST_CASE("steps that resolve what moves in the frame are resolved, and no potential is a wave at the seam") {
+  const auto outcome_in = [](const std::string& velocity) {
+    const Folder folder;
+    return run(problem_of("kdv", joined(soliton, {"scheme.stages=4", "scheme.step=0.4", "scheme.levels=fixed",
+                                                  "scheme.frame.velocity=" + velocity})),
+               {.output = folder / "a.h5", .threads = 1});
+  };
+  const Outcome at_rest = outcome_in("4"), slow = outcome_in("3.9"), moving = outcome_in("0");
+  CHECK(at_rest.judgement.verdict == figures::Verdict::good);
+  CHECK(slow.judgement.verdict == figures::Verdict::good);
+  CHECK(std::isnan(outcome_in("3").statistics.measures.seam_t));
+  // The twin: in the laboratory such steps are none.
+  CHECK(moving.judgement.verdict != figures::Verdict::good);
+}
+
 TEST_CASE("two solitons gain in the frame between them") {
   const double laboratory = error_of(two_solitons, {"scheme.frame.velocity=0"});
   CHECK(error_of(two_solitons, {"scheme.frame.velocity=2.3"}) < laboratory / 500.0);

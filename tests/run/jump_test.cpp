@@ -369,3 +369,18 @@ TEST_CASE("a jump that the data do not have is told of") {
   CHECK_FALSE(tells(warnings({"grid.x.cells=101"})));
   CHECK(tells(warnings({"grid.x.cells=101", "grid.x.jump.u=4*pi"})));
 }
+
+TEST_CASE("a field that is rounding errors alone does not break at the seam") {
+  const auto breaks = [](const std::string& u_t) {
+    const Folder folder;
+    const std::string at_rest =
+        "[field]\nequation = \"u_tt = u_xx - sin(u)\"\n[grid]\nx = { from = -20, to = 20, cells = 201, jump = { u = "
+        "\"2*pi\" } }\n[initial]\nu = \"4*atan(exp(x))\"\nu_t = \"" +
+        u_t + "\"\n[scheme]\nlagrangian = \"fourier\"\nlevels = \"fixed\"\nstep = 0.1\nuntil = 3\n";
+    const auto reasons =
+        run(parse_problem(at_rest, "t.toml"), {.output = folder / "a.h5", .threads = 1}).judgement.reasons;
+    return std::ranges::find(reasons, figures::ReasonKind::period, &figures::Reason::kind) != reasons.end();
+  };
+  CHECK_FALSE(breaks("0"));
+  CHECK(breaks("0.1*exp(x/20)"));
+}

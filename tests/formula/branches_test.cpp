@@ -1,0 +1,57 @@
+// Functions that are put together of pieces, on other branches: what tests for identities look at.
+
+#include <catch2/catch.hpp>
+
+#include <array>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <rubato/formula/branches.hpp>
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/formula/parse.hpp>
+
+using namespace rubato::formula;
+
+namespace {
+
+/// The largest value of the formula at some points on other branches, at both scales.
+double largest(const std::string& text) {
+  double most = 0.0;
+  for (const double scale : branch_scales) {
+    Graph graph, other;
+    const std::array formulas = {parse(text, graph, std::array<std::string, 2>{"x", "y"})};
+    const std::vector<Expression> outputs = on_other_branches(formulas, other, scale);
+    ScalarEvaluator evaluate(Bytecode(outputs, std::array{other.variable("x"), other.variable("y")}));
+    std::vector<double> value(1);
+    for (const auto& [x, y] :
+         {std::array{0.3, 0.9}, std::array{1.1, 0.4}, std::array{0.7, -0.2}, std::array{0.52, 1.3},
+          std::array{0.9, 0.6}, std::array{1.27, 0.77}, std::array{0.11, 1.05}, std::array{0.61, 0.35}}) {
+      evaluate(std::array{x, y}, value);
+      most = std::max(most, std::abs(value[0]));
+    }
+  }
+  return most;
+}
+
+}  // namespace
+
+TEST_CASE("identities of functions in pieces hold on all branches", "[formula]") {
+  for (const std::string zero :
+       {"abs(-x) - abs(x)", "abs(x)^2 - x^2", "abs(x - y)*sign(x - y) - (x - y)", "sign(x)/abs(x) - 1/x",
+        "sign(-x) + sign(x)", "max(x, y) + min(x, y) - x - y", "max(x, y) - max(y, x)", "floor(x + 1) - floor(x) - 1",
+        "where(x > y, x, 0) + where(x <= y, x, 0) - x", "exp(x)*exp(y) - exp(x + y)", "cosh(x)^2 - sinh(x)^2 - 1",
+        "sech(x)*cosh(x) - 1", "expm1(x) + 1 - exp(x)", "sin(x)^2 + cos(x)^2 - 1"}) {
+    INFO(zero);
+    CHECK(largest(zero) < 1e-14);
+  }
+}
+
+TEST_CASE("a piece that is 0 at the points is not 0 on other branches", "[formula]") {
+  for (const std::string piece :
+       {"where(x > 3, 20, 0)*y", "max(0, x - 9)^3", "min(0, x + 5)", "x - abs(x)", "floor(x/10)", "sign(x - 9) + 1",
+        "5*exp(-1000*(x - 12)^2)*y", "5*sech(100*(x - 12))^2*y", "erf(100*(x - 12)) + 1"}) {
+    INFO(piece);
+    CHECK(largest(piece) > 1e-9);
+  }
+}
