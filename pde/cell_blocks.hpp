@@ -12,7 +12,8 @@
 
 namespace rubato {
 
-/// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x.
+/// Where the batch evaluator's blocks of cells begin and end: pieces of at most 256 cells of one line along x, which
+/// between walls has one cell less than nodes.
 /// A function of the grid alone, so that results do not depend on the number of threads.
 struct CellBlocks {
   static constexpr std::size_t most = 256;
@@ -20,7 +21,9 @@ struct CellBlocks {
   std::size_t lines = 0;     ///< n_y n_z
   std::size_t per_line = 0;  ///< blocks in a line
   explicit CellBlocks(const grids::Grid& grid)
-      : line(grid.cells(0)), lines(grid.size() / line), per_line((line + most - 1) / most) {}
+      : line(grid.axis(0).has_walls() ? grid.axis(0).cell_count() : grid.cells(0)),
+        lines(grid.size() / grid.cells(0)),
+        per_line((line + most - 1) / most) {}
   [[nodiscard]] std::size_t count() const { return lines * per_line; }
 
   struct Block {

@@ -28,6 +28,8 @@ struct CellMatrix {
   Eigen::MatrixXd mean;                     ///< B
   std::vector<Eigen::MatrixXd> difference;  ///< C_a
   std::vector<Entry> entries;
+  /// Between walls, where the last node's cell is none: its equations are last_left c_N + last_right c_0 = r instead.
+  Eigen::MatrixXd last_left, last_right;
 
   [[nodiscard]] int size() const { return static_cast<int>(mean.rows()); }
 };

@@ -48,6 +48,15 @@ public:
         matrix_.right[next++] = mean + difference;
       }
     }
+    const bool closes = matrix.last_left.size() > 0;
+    matrix_.last_left.resize(closes ? matrix_.left.size() : 0);
+    matrix_.last_right.resize(matrix_.last_left.size());
+    for (std::size_t i = 0; i < matrix_.last_left.size(); ++i) {
+      const auto row = rows_[i / static_cast<std::size_t>(d)];
+      const auto column = static_cast<Eigen::Index>(i % static_cast<std::size_t>(d));
+      matrix_.last_left[i] = matrix.last_left(row, column);
+      matrix_.last_right[i] = matrix.last_right(row, column);
+    }
     matrix_.entries.clear();
     for (const CellMatrix::Entry& entry : matrix.entries) {
       matrix_.entries.push_back(

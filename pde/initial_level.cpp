@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -19,12 +20,14 @@
 #include <rubato/pde/initial_agreement.hpp>
 #include <rubato/pde/initial_sawtooths.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
+#include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/mean_conditions.hpp>
 #include <rubato/pde/periodicity.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/row_rounding.hpp>
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/tuning.hpp>
+#include <rubato/pde/wall_conditions.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -175,6 +178,9 @@ public:
         add_entries(column, row, hessian_.field(static_cast<int>(e)).data());
       }
     }
+    if (grid.has_walls()) {
+      close();
+    }
     solver_ = make_cell_solver(grid, collocation, size_, conditions_.count(), newton_tolerance);
     mean_slopes_.resize(static_cast<std::size_t>(conditions_.count()) * lines_);
   }
@@ -183,6 +189,44 @@ public:
   [[nodiscard]] MatrixXd left_kernel() const { return solve::product(plan_.rows, conditions_.left); }
 
   [[nodiscard]] Status run(LatticeLevel& level) {
+    for (const auto& [field, node] : held_) {
+      level.fields.field(field)[node] = 0.0;
+    }
+    const Status status = iterate(level);
+    for (const auto& [field, node] : held_) {
+      level.fields.field(field)[node] = 0.0;
+    }
+    for (const int field : open_) {
+      smooth_sawtooth(level.fields.field(field));
+    }
+    return status;
+  }
+
+private:
+  /// Between walls, the last rows: a wall holds a field at 0 or, where none does, it is smooth (smooth_sawtooth()).
+  /// What holds at both ends by one of them is the other's where the data meet the walls.
+  void close() {
+    const WallConditions walls(system_, grid_);
+    matrix_.last_left = matrix_.last_right = MatrixXd::Zero(size_, size_);
+    for (int u = 0; u < size_; ++u) {
+      const int field = plan_.unknowns[static_cast<std::size_t>(u)];
+      const auto holds = [field](const WallConditions::Held& held) { return held.first == field; };
+      const auto first = std::ranges::find_if(walls.held(), holds);
+      if (first == walls.held().end()) {
+        open_.push_back(field);
+      }
+      const bool at_right = first != walls.held().end() && first->second != 0;
+      (at_right ? matrix_.last_left : matrix_.last_right)(u, u) = 1.0;
+      std::ranges::copy_if(walls.held(), std::back_inserter(held_), holds);
+    }
+    if (!matrix_.difference.front().isZero(0.0) || conditions_.count() > 0) {
+      throw SchemeRefusal(
+          "a constraint of this equation differentiates a field without an equation of motion, and box cannot close it "
+          "at walls: write lagrangian = \"fourier\" or \"splitting\", or leave left and right out");
+    }
+  }
+
+  [[nodiscard]] Status iterate(LatticeLevel& level) {
     const std::span<double> y = mean_slopes_;
     RowRounding::Sizes last, first{};
     last.fill(std::numeric_limits<double>::infinity());
@@ -243,7 +287,6 @@ public:
     return Status::not_converged;
   }
 
-private:
   /// True if rounding errors explain what is left of the constraints.
   [[nodiscard]] bool is_rounding(const LatticeLevel& level) {
     const RowRounding::Sizes bounds = row_rounding_.of_constraints(level, grid_, hessian_);
@@ -297,6 +340,8 @@ private:
   std::vector<int> pinned_;
   std::vector<double> mean_slopes_;  ///< the last change of them
   CellMatrix matrix_;
+  std::vector<WallConditions::Held> held_;  ///< unknowns that walls hold at 0
+  std::vector<int> open_;                   ///< those that none holds
   std::unique_ptr<CellSolver> solver_;
 };
 
@@ -424,6 +469,9 @@ InitialLevel level_of_constraints(const MultisymplecticSystem& system, const gri
     if (given[i] && !system.structure().multiplier[i] && !(unknown && system.structure().potential[i])) {
       std::ranges::copy(*given[i], level.fields.field(f).begin());
     }
+  }
+  if (grid.has_walls()) {
+    remove_wall_sawtooths(system, grid, level.fields);
   }
   if (plan.unknowns.empty()) {
     auto cautions = find_cautions(system, grid, given, {}, level);

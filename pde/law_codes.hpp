@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <iterator>
 #include <span>
 #include <vector>
 
@@ -74,8 +73,10 @@ struct LawCodes {
     residuals(out);
     are_of_step_ = true;
     std::vector<std::span<const double>> rows;
-    std::ranges::transform(out, std::back_inserter(rows),
-                           [&](const double* row) { return std::span(row, grid.size()); });
+    for (double* const row : out) {
+      std::fill(row + cells_of(grid), row + grid.size(), 0.0);
+      rows.emplace_back(row, grid.size());
+    }
     return grids::magnitudes(rows);
   }
   /// Σ ΔV J_t of each law.
@@ -94,12 +95,21 @@ struct LawCodes {
   }
 
 private:
+  /// How many cells have laws, or nodes: on a line between walls the last node has no cell.
+  [[nodiscard]] static std::size_t cells_of(const grids::Grid& grid) {
+    return grid.has_walls() ? grid.axis(0).cell_count() : grid.size();
+  }
   [[nodiscard]] std::vector<double> of_densities(const grids::Grid& grid, std::size_t laws) const {
     std::vector<std::span<const double>> rows;
     for (std::size_t law = 0; law < laws; ++law) {
-      rows.push_back(levels.upper().field(static_cast<int>(law)));
+      rows.push_back(levels.upper().field(static_cast<int>(law)).first(cells_of(grid)));
     }
-    return grids::integrals(grid, rows);
+    std::vector<double> totals(laws);
+    grids::sums(rows, totals);
+    for (double& total : totals) {
+      total *= grid.cell_volume();
+    }
+    return totals;
   }
   static grids::FieldSet& arrays_of(grids::FieldSet& set, const grids::Grid& grid, std::size_t laws) {
     if (set.fields() == 0) {

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -11,6 +13,8 @@
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
+#include <rubato/pde/wall_conditions.hpp>
+#include <rubato/pde/walled_box.hpp>
 
 namespace rubato {
 
@@ -19,15 +23,19 @@ namespace {
 class MidpointEquation final : public StepEquation {
 public:
   MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                   const LatticeLevel& first, double first_step)
+                   const LatticeLevel& first, double first_step,
+                   const std::shared_ptr<const WallDrives>& drives = nullptr)
       : StepEquation(system.field_count(), grid.size()),
         system_(system),
         at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, collocation),
         point_(rows_),
         delta_(rows_),
-        history_(first_step != 0.0 ? midpoint_start(system, grid, collocation, first, first_step)
-                                   : LevelHistory(at_midpoints_, grid.size())) {}
+        history_(start_of(grid, collocation, first, first_step, drives)) {
+    if (grid.has_walls()) {
+      walls_.emplace(system, grid, drives);
+    }
+  }
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     copy_level(level.fields, at_midpoints_, point_);
@@ -54,10 +62,20 @@ public:
       }
     }
     const SweepResult result = sweep(after.slopes, 1.0 / h, rows_.pointers());
-    return {result.energy, -result.quadratic / (h * h), grids::magnitudes(rows().all())};
+    if (walls_) {
+      put_conditions(h);
+    }
+    const double work = walls_ ? walls_->work(point_, delta_) : 0.0;
+    return {result.energy - 0.5 * work, -result.quadratic / (h * h), grids::magnitudes(rows().all()), work};
   }
 
 private:
+  [[nodiscard]] LevelHistory start_of(const grids::Grid& grid, Collocation collocation, const LatticeLevel& first,
+                                      double first_step, const std::shared_ptr<const WallDrives>& drives) const {
+    return first_step == 0.0  ? LevelHistory(at_midpoints_, grid.size())
+           : grid.has_walls() ? walled_box_start(system_, grid, first, first_step, drives)
+                              : midpoint_start(system_, grid, collocation, first, first_step);
+  }
   [[nodiscard]] bool is_at_midpoints(int field) const { return at_midpoints_[static_cast<std::size_t>(field)]; }
 
   /// At point_, with the rates in delta_ but for fields at midpoints, which have none.
@@ -75,6 +93,21 @@ private:
     return result;
   }
 
+  /// Into the rows of the last node's cell, which is none: the rates of what walls hold.
+  void put_conditions(double h) {
+    const std::size_t last = rows_.size() - 1;
+    for (int f = 0; f < system_.field_count(); ++f) {
+      rows_.field(f)[last] = 0.0;
+    }
+    for (const auto& [field, node] : walls_->held()) {
+      if (walls_->drives(field, node)) {
+        continue;  // what a wall gives is seen by the levels
+      }
+      double& row = rows_.field(field)[last];
+      row = std::max(row, std::abs(delta_.field(field)[node] / h));
+    }
+  }
+
   /// δ; of fields at midpoints twice the value, as LevelHistory has it.
   void set_increment(const grids::FieldSet& before, const grids::FieldSet& after, grids::FieldSet& delta) const {
     for (int f = 0; f < system_.field_count(); ++f) {
@@ -90,6 +123,7 @@ private:
   const MultisymplecticSystem& system_;
   std::vector<bool> at_midpoints_;
   CellSweep sweep_;
+  std::optional<WallConditions> walls_;
   grids::FieldSet point_, delta_;
   LevelHistory history_;
 };
@@ -100,6 +134,12 @@ std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem
                                                      Collocation collocation, const LatticeLevel& first,
                                                      double first_step) {
   return std::make_unique<MidpointEquation>(system, grid, collocation, first, first_step);
+}
+
+std::unique_ptr<StepEquation> make_walled_box_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                       const LatticeLevel& first, double first_step,
+                                                       const std::shared_ptr<const WallDrives>& drives) {
+  return std::make_unique<MidpointEquation>(system, grid, Collocation::cells, first, first_step, drives);
 }
 
 }  // namespace rubato

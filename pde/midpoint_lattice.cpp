@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -25,6 +26,8 @@
 #include <rubato/pde/shared_slopes.hpp>
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
+#include <rubato/pde/wall_conditions.hpp>
+#include <rubato/pde/walled_box.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
@@ -41,7 +44,7 @@ void check(const MultisymplecticSystem& system, const grids::Grid& grid, Colloca
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (collocation == Collocation::cells && grids::whole_of(grid).cells(a) % 2 == 0) {
+    if (collocation == Collocation::cells && !grid.has_walls() && grids::whole_of(grid).cells(a) % 2 == 0) {
       throw std::invalid_argument(
           fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
                       "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
@@ -81,7 +84,7 @@ StaticCondensation condensation_of(const MultisymplecticSystem& system, const Ke
 class MidpointLattice final : public LatticeScheme {
 public:
   MidpointLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                  LatticeLevel first, double first_step)
+                  LatticeLevel first, double first_step, const std::shared_ptr<const WallDrives>& drives = nullptr)
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
@@ -118,6 +121,10 @@ public:
       if (row != column) {
         matrix_.entries.push_back({column, row, -1.0, values});
       }
+    }
+    if (grid.has_walls()) {
+      walls_.emplace(system, grid, drives);
+      change_known_ = change_known_ && !walls_->drives();  // whose work changes the energy, too
     }
     if (collocation == Collocation::nodes) {
       waves_ = std::make_unique<Waves>(system, grid, level_);
@@ -182,6 +189,9 @@ public:
   [[nodiscard]] bool slope_costs_more() const override { return waves_ != nullptr; }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
+  [[nodiscard]] std::optional<double> work() const override {
+    return is_driven() ? std::optional(work_) : std::nullopt;
+  }
 
   [[nodiscard]] NodeEnergy node() override {
     if (!node_known_) {
@@ -221,6 +231,8 @@ public:
       largest_[f] = std::max(largest_[f], sizes[f]);
     }
     add_increment(delta_, at_midpoints_, level_.fields, low_);
+    work_ += work_of_step_;
+    ++steps_;
     start_level();
   }
 
@@ -268,6 +280,9 @@ public:
       waves_->slab.save(state, waves_->forecast);
       waves_->slab.save(state);
     }
+    if (is_driven()) {
+      state.write(std::array{work_, steps_});
+    }
   }
 
   void restore(StateReader& state) override {
@@ -288,10 +303,15 @@ public:
         waves_->slab.restore(state);
       }
     }
+    if (is_driven()) {
+      work_ = state.read();
+      steps_ = state.read();
+    }
     start_level();
   }
 
 private:
+  [[nodiscard]] bool is_driven() const { return walls_ && walls_->drives(); }
   void start_level() {
     std::ranges::fill(level_sizes_, -1.0);
     if (solver_ != nullptr) {
@@ -379,7 +399,7 @@ private:
     }
     const grids::FieldSet& point = is_point ? fields : point_;
     const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
-    return {result.energy, -result.quadratic};
+    return {result.energy - work_, -result.quadratic};
   }
 
   /// The velocity at the start, from one short step forward and one back: without it the first prediction, and Γ of the
@@ -458,6 +478,9 @@ private:
       conditions_h_ = h;
     }
     condensation_.reduced_mean(h, matrix_.mean);
+    if (walls_) {
+      walls_->hold(level_.fields, low_, walls_->drives() ? walls_->start() + (steps_ + 1.0) * h : 0.0, delta_);
+    }
     condensation_.follow(h, level_.fields, low_, delta_);
     EvolvingRates rates;
     const auto rate = evolving(delta_, rates);
@@ -470,11 +493,15 @@ private:
       make_point(0.5, point_);
       const SweepResult result =
           sweep_(point.pointers(), level_.slopes, rate, 1.0 / h, residual_.pointers(), hessian_.pointers());
+      if (walls_) {
+        walls_->close(condensation_.free(), point_, delta_, 1.0 / h, matrix_, residual_);
+      }
       ++iterations_;
       if (!result.finite) {
         return Status::undefined;
       }
-      energy_ = result.energy;
+      work_of_step_ = walls_ ? walls_->work(point_, delta_) : 0.0;
+      energy_ = result.energy - (work_ + 0.5 * work_of_step_);
       slope_ = result.quadratic / (4.0 * h);
       slope_known_ = true;
       // What the corrections report on their error rests on S'' at single points: where it changes fast, a correction
@@ -496,6 +523,9 @@ private:
       }
       if (!solver_->finds_ghosts()) {
         grids::refresh_ghosts(correction_, condensation_.free());
+      }
+      if (walls_) {
+        walls_->hold(correction_);
       }
       condensation_.correct(h, correction_);
       const double size = add_correction(stalled);
@@ -596,7 +626,9 @@ private:
   bool change_known_;  ///< whether a correction's energy can be had without another sweep
   std::vector<double> border_;
   StaticCondensation condensation_;
-  std::vector<const double*> free_residual_;  ///< of the fields that are solved for
+  std::optional<WallConditions> walls_;
+  double work_ = 0.0, work_of_step_ = 0.0, steps_ = 0.0;  ///< of walls that drive fields
+  std::vector<const double*> free_residual_;              ///< of the fields that are solved for
   std::vector<double*> free_correction_;
   Collocation collocation_;
   std::unique_ptr<CellSolver> solver_;  ///< from when it is needed first
@@ -635,6 +667,11 @@ LevelHistory midpoint_start(const MultisymplecticSystem& system, const grids::Gr
   return MidpointLattice(system, grid, collocation, first, first_step).start();
 }
 
+LevelHistory walled_box_start(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first,
+                              double first_step, const std::shared_ptr<const WallDrives>& drives) {
+  return MidpointLattice(system, grid, Collocation::cells, first, first_step, drives).start();
+}
+
 int box_unknowns(const MultisymplecticSystem& system, double h) {
   return static_cast<int>(condensation_of(system, step_conditions(system, h)).free().size());
 }
@@ -644,6 +681,13 @@ std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& syst
   check(system, grid, Collocation::cells, first);
   check_waves_of_kernel(system, grid, first_step);
   return std::make_unique<MidpointLattice>(system, grid, Collocation::cells, std::move(first), first_step);
+}
+
+std::unique_ptr<LatticeScheme> make_walled_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                                      LatticeLevel first, double first_step,
+                                                      const std::shared_ptr<const WallDrives>& drives) {
+  check(system, grid, Collocation::cells, first);
+  return std::make_unique<MidpointLattice>(system, grid, Collocation::cells, std::move(first), first_step, drives);
 }
 
 std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,

@@ -16,6 +16,7 @@
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/wall_data.hpp>
+#include <rubato/pde/walled_box.hpp>
 
 namespace rubato {
 
@@ -501,10 +502,12 @@ std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMetho
   if (!collocation) {
     throw SchemeRefusal(fmt::format(
         "{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog, "
-        "euler-box and actions that name no field without an equation of motion are. Take one of these, or leave left "
-        "and right "
-        "out",
+        "euler-box, box with stages = 1 and actions that name no field without an equation of motion are. Take one of "
+        "these, or leave left and right out",
         choice.name));
+  }
+  if (*collocation == Collocation::cells) {  // whose rows are closed at the walls, with no need of mirrors
+    return make_walled_box_method(choice);
   }
   return std::make_unique<MirroredMethod>(std::move(method), *collocation, choice);
 }

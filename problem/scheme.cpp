@@ -621,7 +621,11 @@ private:
   }
 
   void check_lattice(const MultisymplecticProblem& pde) const {
-    const auto method = make_lattice_method(method_choice(scheme_));
+    auto method = make_lattice_method(method_choice(scheme_));
+    if (pde.has_walls()) {
+      at_location(scheme_.lagrangian_location,
+                  [&] { method = make_lattice_method(method_choice(scheme_), make_grid(problem_)); });
+    }
     if (const std::string_view reason = method->fixed_levels_only();
         !reason.empty() && scheme_.levels == Levels::variable) {
       throw ProblemError(
@@ -636,10 +640,6 @@ private:
       throw ProblemError(scheme_.levels_location,
                          "walls of [grid] drive fields, and the work that they do reads both steps at a level: write "
                          "levels = \"fixed\"");
-    }
-    if (pde.has_walls()) {
-      at_location(scheme_.lagrangian_location,
-                  [&] { return make_lattice_method(method_choice(scheme_), make_grid(problem_)); });
     }
     for (const GridAxis& axis : pde.axes) {
       if (const auto other =

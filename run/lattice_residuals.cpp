@@ -24,9 +24,11 @@ LatticeResiduals::LatticeResiduals(const LatticeMethod& method, LocalLaws& laws,
   if (wanted.cells) {
     cells_.emplace(static_cast<int>(laws.count()), grid.size()).fill(std::numeric_limits<double>::quiet_NaN());
   }
+  // On a line between walls the last node has no cell.
+  const std::size_t count = method.laws_in_cells() && grid.has_walls() ? grid.axis(0).cell_count() : grid.size();
   for (std::size_t i = 0; i < laws.count(); ++i) {
-    laws_.emplace_back(laws.names()[i],
-                       cells_ ? std::as_const(*cells_).field(static_cast<int>(i)) : std::span<const double>());
+    laws_.emplace_back(laws.names()[i], cells_ ? std::as_const(*cells_).field(static_cast<int>(i)).first(count)
+                                               : std::span<const double>());
   }
   if (wanted.variational && method.has_variational_laws()) {
     variational_.emplace(method.action(system).value(), system, grid);

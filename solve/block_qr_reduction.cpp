@@ -121,6 +121,9 @@ struct Elimination {
       cell[e.row + e.column * n] += e.left * value;
       cell[shape.right() + e.row + e.column * n] += e.right * value;
     }
+    if (m.closes() && begin[lanes - 1] + step + 1 >= system.cells) {  // lanes are in order
+      load_last(step);
+    }
     for (int j = 0; j < shape.borders * n; ++j) {
       if (const auto& c = system.border->columns[j]; c.values != nullptr) {
         cell[shape.extra() + j] = c.constant + gather(c.values, step);
@@ -131,6 +134,23 @@ struct Elimination {
     }
     for (int j = 0; j < shape.columns * n; ++j) {
       cell[shape.extra() + shape.borders * n + j] = gather(system.rhs[j], step);
+    }
+  }
+
+  /// Into the lanes that have come to the last cell, which is the last that they load.
+  void load_last(std::size_t step) {
+    const auto n = d();
+    const CyclicBidiagonal& m = *system.matrix;
+    for (int l = 0; l < lanes; ++l) {
+      if (begin[l] + std::min(step, length[l] - 1) + 1 < system.cells) {
+        continue;
+      }
+      for (int r = 0; r < n; ++r) {
+        for (int c = 0; c < n; ++c) {
+          cell[r + c * n][l] = m.last_left[r * n + c];
+          cell[shape.right() + r + c * n][l] = m.last_right[r * n + c];
+        }
+      }
     }
   }
 

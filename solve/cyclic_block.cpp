@@ -410,6 +410,9 @@ double CyclicBlockSolver::Storage::backward_error(const CyclicBidiagonal& a, con
     row_scales[r] = seen(of_rhs[r]);
     for (std::size_t c = 0; c < d; ++c) {
       row_scales[r] += seen(std::abs(a.left[r * d + c]) + std::abs(a.right[r * d + c])) * size;
+      if (a.closes()) {
+        row_scales[r] += seen(std::abs(a.last_left[r * d + c]) + std::abs(a.last_right[r * d + c])) * size;
+      }
     }
     for (std::size_t b = 0; b < borders; ++b) {
       row_scales[r] += seen(of_column[b * d + r]) * std::abs(y[b]);
@@ -538,6 +541,9 @@ CyclicOutcome CyclicBlockSolver::solve(const CyclicBidiagonal& matrix, const Cyc
   require(matrix.left.size() == static_cast<std::size_t>(d) * d && matrix.right.size() == matrix.left.size(),
           "the size of the constant blocks", static_cast<long long>(std::min(matrix.left.size(), matrix.right.size())),
           d * d);
+  require(matrix.last_left.size() == matrix.last_right.size() &&
+              (!matrix.closes() || (s.slab == nullptr && matrix.last_left.size() == matrix.left.size())),
+          "the size of the last cell's blocks", static_cast<long long>(matrix.last_left.size()), d * d);
   require(k <= s.largest.borders, "the number of borders", k, s.largest.borders);
   require(columns >= 1 && columns <= s.largest.columns && rhs.size() == static_cast<std::size_t>(columns) * d,
           "the number of right-hand side arrays", static_cast<long long>(rhs.size()), s.largest.columns * d);

@@ -28,13 +28,18 @@ struct CyclicEntry {
 ///     L_i z_i + R_i z_{i+1} = r_i,      L_i = left + Σ_e left_e values_e[i],   R_i = right + Σ_e right_e values_e[i].
 ///
 /// `left` and `right` are the constant parts, block × block, row by row: for the box scheme M/h ∓ 2K/Δx up to a factor,
-/// and the entries are those of S''(z̄_i) that are not constant.
+/// and the entries are those of S''(z̄_i) that are not constant. The last cell may have rows of its own, the conditions
+/// at the two ends of a line: then its L and R are these, without the entries.
 struct CyclicBidiagonal {
   int block = 0;
   std::size_t cells = 0;
   std::vector<double> left;
   std::vector<double> right;
   std::vector<CyclicEntry> entries = {};
+  std::vector<double> last_left = {};  ///< empty where the last cell is as the others; not with a slab
+  std::vector<double> last_right = {};
+
+  [[nodiscard]] bool closes() const { return !last_left.empty(); }
 };
 
 /// constant + values[i] (values may be null).

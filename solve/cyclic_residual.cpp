@@ -45,11 +45,13 @@ double residual_at_seam(const CyclicBidiagonal& a, const CyclicBorder& border, c
   const int d = a.block;
   const std::size_t i = a.cells - 1;
   double out = rhs != nullptr ? rhs[i] : 0.0;
+  const std::vector<double>& left = a.closes() ? a.last_left : a.left;
+  const std::vector<double>& right = a.closes() ? a.last_right : a.right;
   for (int c = 0; c < d; ++c) {
-    out -= a.left[row * d + c] * z[c][i] + a.right[row * d + c] * z[c][0];
+    out -= left[row * d + c] * z[c][i] + right[row * d + c] * z[c][0];
   }
   for (const CyclicEntry& e : a.entries) {
-    if (e.row == row) {
+    if (e.row == row && !a.closes()) {
       out -= e.values[i] * (e.left * z[e.column][i] + e.right * z[e.column][0]);
     }
   }

@@ -24,7 +24,8 @@ bool cyclic_is_finite(const CyclicBidiagonal& a, const CyclicBorder& border, std
   const auto finite = [&](const CyclicCoefficient& c) {
     return std::isfinite(c.constant) && column_is_finite(c.values, a.cells);
   };
-  return all_finite(a.left) && all_finite(a.right) && all_finite(border.corner) && all_finite(border_rhs) &&
+  return all_finite(a.left) && all_finite(a.right) && all_finite(a.last_left) && all_finite(a.last_right) &&
+         all_finite(border.corner) && all_finite(border_rhs) &&
          std::all_of(a.entries.begin(), a.entries.end(),
                      [&](const CyclicEntry& e) {
                        return column_is_finite(e.values, a.cells) && std::isfinite(e.left) && std::isfinite(e.right);
@@ -50,17 +51,20 @@ Status solve_cyclic_by_sparse_lu(const CyclicBidiagonal& a, const CyclicBorder& 
   };
   for (int i = 0; i < cells; ++i) {
     const int next = i + 1 == cells ? 0 : i + 1;
+    const bool closes = next == 0 && a.closes();
+    const std::vector<double>& left = closes ? a.last_left : a.left;
+    const std::vector<double>& right = closes ? a.last_right : a.right;
     for (int r = 0; r < d; ++r) {
       for (int c = 0; c < d; ++c) {
-        add(i * d + r, i * d + c, a.left[r * d + c]);
-        add(i * d + r, next * d + c, a.right[r * d + c]);
+        add(i * d + r, i * d + c, left[r * d + c]);
+        add(i * d + r, next * d + c, right[r * d + c]);
       }
       for (int b = 0; b < k; ++b) {
         add(i * d + r, cells * d + b, value_of(border.columns[b * d + r], i));
         add(cells * d + b, i * d + r, value_of(border.rows[b * d + r], i));
       }
     }
-    for (const CyclicEntry& e : a.entries) {
+    for (const CyclicEntry& e : closes ? std::vector<CyclicEntry>() : a.entries) {
       add(i * d + e.row, i * d + e.column, e.left * e.values[i]);
       add(i * d + e.row, next * d + e.column, e.right * e.values[i]);
     }

@@ -57,6 +57,10 @@ public:
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return is_box() ? std::optional(box_action(system)) : std::nullopt;
   }
+  /// Of cells, which close their rows at walls themselves.
+  [[nodiscard]] std::optional<Collocation> in_mirror() const override {
+    return is_box() ? std::optional(Collocation::cells) : std::nullopt;
+  }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
     return prepare_initial_level(system, grid, given, collocation());

@@ -257,6 +257,41 @@ bool same_bits(const std::vector<Field>& a, const std::vector<Field>& b) {
 
 }  // namespace
 
+TEST_CASE("the last cell may have rows of its own, which are conditions at both ends of a line") {
+  std::mt19937_64 engine(9);
+  std::uniform_real_distribution<double> uniform(-0.2, 0.2);
+  for (const int d : {1, 2, 3, 4, 6}) {
+    for (const std::size_t cells : {2, 3, 15, 16, 17, 33, 250, 1000}) {
+      INFO(d << " fields, " << cells << " cells");
+      Problem p(d, cells);
+      std::generate(p.matrix.left.begin(), p.matrix.left.end(), [&] { return uniform(engine); });
+      std::generate(p.matrix.right.begin(), p.matrix.right.end(), [&] { return uniform(engine); });
+      p.matrix.last_left.assign(d * d, 0.0);
+      p.matrix.last_right.assign(d * d, 0.0);
+      // Fields that decay to the right are given at the left end, the others at the right one.
+      for (int f = 0; f < d; ++f) {
+        (f % 2 == 0 ? p.matrix.right : p.matrix.left)[f * d + f] += 2.0;
+        (f % 2 == 0 ? p.matrix.last_right : p.matrix.last_left)[f * d + f] = 1.0;
+      }
+      Field values(cells);
+      std::generate(values.begin(), values.end(), [&] { return uniform(engine); });
+      p.add_entry(0, d - 1, 0.5, 0.5, values);
+      p.manufacture(static_cast<unsigned>(cells));
+      for (int f = 0; f < d; ++f) {
+        CHECK(p.rhs[f].back() == p.exact[f][f % 2 == 0 ? 0 : cells - 1]);
+      }
+      CyclicBlockSolver solver(d, cells);
+      CHECK(p.solve(solver).status == Status::success);
+      CHECK(p.error() < 1e-13);
+      // The twin: as a cell like the others.
+      p.matrix.last_left.clear();
+      p.matrix.last_right.clear();
+      static_cast<void>(p.solve(solver));
+      CHECK(p.error() > 1e-3);
+    }
+  }
+}
+
 TEST_CASE("cyclic block systems of every block size and length are solved") {
   const int d = GENERATE(1, 2, 3, 4, 5, 6, 7, 12, 16);
   const std::size_t cells = GENERATE(2, 3, 15, 16, 17, 31, 32, 33, 255, 1001);
