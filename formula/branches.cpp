@@ -11,7 +11,7 @@ namespace rubato::formula {
 namespace {
 
 Expression random_sign(Expression a) {
-  // Signs for each unit of a, times π: different ones at most points, and seldom at those of a difference.
+  // The sign changes 7.7/π times over a unit of a: often between random points, seldom within a finite difference.
   constexpr double turns = 7.7;
   return sign(sin(turns * a));
 }

@@ -8,16 +8,16 @@
 
 namespace rubato::formula {
 
-/// The formulas with functions that are put together of pieces on other branches than those that hold: with numbers
-/// s(a) = -s(-a), 1 or -1, that change fast with a,
+/// Formulas whose piecewise functions take branches at random. With a sign s(a) = -s(-a) that changes fast with a,
 ///
-///     sign a → s(a),   |a| → s(a) a,   max(a, b) → ½ (a + b + s(a - b)(a - b)),   where(a > 0, b, c) → ½ ((1 + s(a)) b
-///     + (1 - s(a)) c),
+///     sign a → s(a),    |a| → s(a) a,    max(a, b) → ½ (a + b + s(a - b)(a - b)),
+///     where(a > 0, b, c) → ½ ((1 + s(a)) b + (1 - s(a)) c),
 ///
-/// min alike, ⌊a⌋ by a function with ⌊a + 1⌋ = ⌊a⌋ + 1, and exp, sinh, erf and their like of `scale` times their
-/// arguments. Identities such as |-a| = |a|, |a|² = a², max + min = a + b and eᵃeᵇ = eᵃ⁺ᵇ hold on all branches. So what
-/// is 0 at random points is 0, as max(0, x - 9) is not, which is 0 there by chance. Formulas with loops stay as they
-/// are. \param into the graph of the results
+/// and min alike. ⌊a⌋ becomes a function with ⌊a + 1⌋ = ⌊a⌋ + 1, and exp, sinh, erf and their like take `scale` times
+/// their arguments. Identities such as |-a| = |a|, |a|² = a², max + min = a + b and eᵃeᵇ = eᵃ⁺ᵇ hold on all branches.
+/// max(0, x - 9) is 0 near 0 on one branch alone, so that a test at random points there does not take it for 0.
+/// Formulas with loops are not changed.
+/// \param into the graph of the results
 [[nodiscard]] std::vector<Expression> on_other_branches(std::span<const Expression> formulas, Graph& into,
                                                         double scale);
 

@@ -1,4 +1,3 @@
-#include <rubato/formula/branches.hpp>
 #include <rubato/pde/field_structure.hpp>
 
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/branches.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/random_points.hpp>
 #include <rubato/pde/tuning.hpp>

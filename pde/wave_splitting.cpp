@@ -1,4 +1,3 @@
-#include <rubato/formula/branches.hpp>
 #include <rubato/pde/wave_splitting.hpp>
 
 #include <algorithm>
@@ -13,6 +12,7 @@
 
 #include <rubato/base/compensated_sum.hpp>
 #include <rubato/base/larger.hpp>
+#include <rubato/formula/branches.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/transposition.hpp>
 #include <rubato/grids/whole.hpp>

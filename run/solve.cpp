@@ -242,8 +242,8 @@ void add_second_variation(const Problem& problem, const Hamiltonian& hamiltonian
     const std::size_t implied = 2 * hamiltonian.constraints().count();
     if (outcome.closes) {
       outcome.multipliers = variation.multipliers();
-      outcome.multipliers.resize(outcome.multipliers.size() -
-                                 implied);  // the rest is 0, of what leaves the constraints
+      // The last ones are 0: those of variations that leave the constraints.
+      outcome.multipliers.resize(outcome.multipliers.size() - implied);
     }
     if (implied > 0) {
       return;
