@@ -30,8 +30,9 @@ bool grows_fast(Operation operation) {
   }
 }
 
+/// Another branch of an operation that has several; of others a formula that is not valid.
 /// \param b of operations with one argument: not valid
-Expression on_branch(Operation operation, Expression a, Expression b, double scale, Graph& graph) {
+Expression on_branch(Operation operation, Expression a, Expression b) {
   switch (operation) {
     case Operation::abs: return random_sign(a) * a;
     case Operation::sign: return random_sign(a);
@@ -40,35 +41,11 @@ Expression on_branch(Operation operation, Expression a, Expression b, double sca
     case Operation::floor: return a - 0.5 + 0.125 * sin(2.0 * std::numbers::pi * a);
     case Operation::where_positive: return 0.5 * (1.0 + random_sign(a)) * b;
     case Operation::where_negative: return 0.5 * (1.0 - random_sign(a)) * b;
-    default: break;
-  }
-  if (arity(operation) == 1) {
-    return graph.make(operation, grows_fast(operation) ? scale * a : a);
-  }
-  return graph.make(operation, a, b);
-}
-
-bool has_pieces(Operation operation) {
-  switch (operation) {
-    case Operation::abs:
-    case Operation::sign:
-    case Operation::min:
-    case Operation::max:
-    case Operation::floor:
-    case Operation::where_positive:
-    case Operation::where_negative: return true;
-    default: return false;
+    default: return {};
   }
 }
 
 }  // namespace
-
-bool have_one_branch(std::span<const Expression> formulas) {
-  return formulas.empty() || std::ranges::none_of(reachable(formulas), [&](NodeIndex index) {
-           const Operation operation = formulas.front().graph()->node(index).operation;
-           return has_pieces(operation) || grows_fast(operation);
-         });
-}
 
 std::vector<Expression> on_other_branches(std::span<const Expression> formulas, Graph& into, double scale) {
   for (const Expression& formula : formulas) {
@@ -87,9 +64,14 @@ std::vector<Expression> on_other_branches(std::span<const Expression> formulas, 
     switch (node.operation) {
       case Operation::constant: image[index] = into.constant(node.value); break;
       case Operation::variable: image[index] = into.variable(source.variable_name(node.a)); break;
-      default:
-        image[index] = on_branch(node.operation, image[node.a],
-                                 arity(node.operation) == 2 ? image[node.b] : Expression(), scale, into);
+      default: {
+        const Expression a = image[node.a], b = arity(node.operation) == 2 ? image[node.b] : Expression();
+        image[index] = on_branch(node.operation, a, b);
+        if (!image[index].valid()) {
+          image[index] = b.valid() ? into.make(node.operation, a, b)
+                                   : into.make(node.operation, grows_fast(node.operation) ? scale * a : a);
+        }
+      }
     }
   }
   std::vector<Expression> results;
@@ -97,6 +79,40 @@ std::vector<Expression> on_other_branches(std::span<const Expression> formulas, 
     results.push_back(image[formula.index()]);
   }
   return results;
+}
+
+bool have_one_branch(std::span<const Expression> formulas) {
+  Graph graph;
+  constexpr double scale = 0.5;
+  return on_other_branches(formulas, graph, scale) == substitute(formulas, graph, {}, {});
+}
+
+std::vector<ScalarEvaluator> evaluators_on_branches(std::span<const Expression> formulas,
+                                                    std::span<const Expression> variables) {
+  std::vector<ScalarEvaluator> evaluators;
+  for (const double scale : branch_scales) {
+    Graph other;
+    std::vector<Expression> inputs;
+    for (const Expression& variable : variables) {
+      const Graph& graph = *variable.graph();
+      inputs.push_back(other.variable(graph.variable_name(graph.node(variable.index()).a)));
+    }
+    evaluators.emplace_back(Bytecode(on_other_branches(formulas, other, scale), inputs));
+  }
+  return evaluators;
+}
+
+std::vector<ScalarEvaluator> evaluators_on_branches(std::span<const Expression> formulas) {
+  std::vector<Expression> variables;
+  if (!formulas.empty()) {
+    Graph* const graph = formulas.front().graph();
+    for (const NodeIndex index : reachable(formulas)) {
+      if (graph->node(index).operation == Operation::variable) {
+        variables.emplace_back(graph, index);
+      }
+    }
+  }
+  return evaluators_on_branches(formulas, variables);
 }
 
 }  // namespace rubato::formula

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/expression.hpp>
 
 namespace rubato::formula {
@@ -26,5 +27,14 @@ namespace rubato::formula {
 
 /// Scales to look at one after the other: with the second exp(-1000 (x - 9)²) is not lost to underflow.
 inline constexpr std::array branch_scales = {1.0, 1e-5};
+
+/// The formulas on other branches at each of these scales, as functions of `variables`, or of all variables that they
+/// have in the order in which these were made: an identity holds if all of them hold it at random points.
+/// \throws std::invalid_argument as Bytecode
+///@{
+[[nodiscard]] std::vector<ScalarEvaluator> evaluators_on_branches(std::span<const Expression> formulas,
+                                                                  std::span<const Expression> variables);
+[[nodiscard]] std::vector<ScalarEvaluator> evaluators_on_branches(std::span<const Expression> formulas);
+///@}
 
 }  // namespace rubato::formula

@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <iterator>
 #include <stdexcept>
 #include <string>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/formula/branches.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/random_points.hpp>
 #include <rubato/pde/tuning.hpp>
@@ -181,9 +179,7 @@ void refuse_undetermined_across(const MultisymplecticSystem& system, std::mt1993
 /// Constant vectors b with b·∇S = 0, from gradients at random points.
 MatrixXd find_affine_symmetries(const MultisymplecticSystem& system, std::mt19937_64& random) {
   const Index d = system.field_count();
-  std::vector<formula::ScalarEvaluator> potentials;
-  std::ranges::transform(formula::branch_scales, std::back_inserter(potentials),
-                         [&](double scale) { return potential_on_branches(system, scale); });
+  std::vector<formula::ScalarEvaluator> potentials = potentials_on_branches(system);
   std::vector<double> z(system.variables().size());
   std::vector<double> outputs(1 + system.fields().size() + system.coordinates().size());
   MatrixXd gradients = MatrixXd::Zero(4 * d, d);

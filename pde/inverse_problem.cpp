@@ -16,7 +16,6 @@
 #include <Eigen/Core>
 
 #include <rubato/formula/branches.hpp>
-#include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/pde/antiderivative.hpp>
 #include <rubato/pde/field_structure.hpp>
@@ -297,17 +296,10 @@ private:
   /// Values of formulas, on other branches, at random points where all of them are finite.
   [[nodiscard]] static std::vector<std::vector<double>> values_of(const std::vector<Expression>& all) {
     std::vector<std::vector<double>> found;
-    for (const double scale : formula::branch_scales) {
-      formula::Graph graph;
-      const std::vector<Expression> outputs = formula::on_other_branches(all, graph, scale);
-      std::vector<Expression> variables;
-      for (std::size_t number = 0; number < graph.variable_count(); ++number) {
-        variables.push_back(graph.variable(graph.variable_name(number)));
-      }
-      formula::ScalarEvaluator evaluate(formula::Bytecode(outputs, variables));
+    for (formula::ScalarEvaluator& evaluate : formula::evaluators_on_branches(all)) {
       std::mt19937_64 random(20);
       std::uniform_real_distribution<double> value(0.1, 1.4);
-      std::vector<double> point(variables.size()), values(all.size());
+      std::vector<double> point(evaluate.code().input_count()), values(all.size());
       constexpr int points = 20;
       for (int n = 0; n < points; ++n) {
         std::ranges::generate(point, [&] { return value(random); });

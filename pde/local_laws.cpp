@@ -2,15 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <random>
 #include <stdexcept>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include <rubato/formula/batch.hpp>
-#include <rubato/formula/branches.hpp>
 #include <rubato/pde/law_evaluator.hpp>
 #include <rubato/pde/random_points.hpp>
 #include <rubato/solve/small_matrices.hpp>
@@ -45,9 +42,7 @@ void check_symmetry(const MultisymplecticSystem& system, const LinearSymmetry& s
   }
   std::mt19937_64 random(50);
   std::uniform_real_distribution<double> value(0.1, 1.4);
-  std::vector<formula::ScalarEvaluator> potentials;
-  std::ranges::transform(formula::branch_scales, std::back_inserter(potentials),
-                         [&](double scale) { return potential_on_branches(system, scale); });
+  std::vector<formula::ScalarEvaluator> potentials = potentials_on_branches(system);
   Eigen::VectorXd point(static_cast<Eigen::Index>(system.variables().size()));
   std::vector<double> outputs(1 + system.fields().size() + system.coordinates().size());
   for (int attempt = 0; attempt < 10; ++attempt) {

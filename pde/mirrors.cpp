@@ -7,7 +7,6 @@
 
 #include <fmt/format.h>
 
-#include <rubato/formula/batch.hpp>
 #include <rubato/formula/branches.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
@@ -205,16 +204,7 @@ std::optional<ChangedTerm> find_changed_term(const MultisymplecticSystem& system
                                              std::span<const double> centre) {
   std::vector<formula::Expression> terms = formula::terms_of(system.expression(), formula::Products::expanded);
   terms.push_back(system.expression());
-  std::vector<formula::ScalarEvaluator> evaluators;
-  for (const double scale : formula::branch_scales) {
-    formula::Graph other;
-    const std::vector<formula::Expression> outputs = formula::on_other_branches(terms, other, scale);
-    std::vector<formula::Expression> variables;
-    for (const formula::Expression& variable : system.variables()) {
-      variables.push_back(other.variable(system.graph()->variable_name(formula::variables_of(variable).front())));
-    }
-    evaluators.emplace_back(formula::Bytecode(outputs, variables));
-  }
+  std::vector<formula::ScalarEvaluator> evaluators = formula::evaluators_on_branches(terms, system.variables());
   std::size_t number = 0;
   std::vector<double> before(terms.size()), after(terms.size());
   for (const PotentialSample& sample : samples_of(system, mirror_samples)) {

@@ -10,18 +10,12 @@
 
 namespace rubato {
 
-formula::ScalarEvaluator potential_on_branches(const MultisymplecticSystem& system, double scale) {
+std::vector<formula::ScalarEvaluator> potentials_on_branches(const MultisymplecticSystem& system) {
   const std::span<const formula::Expression> z(system.variables().data(), system.fields().size());
   std::vector<formula::Expression> outputs = {system.expression()};
   std::ranges::copy(formula::gradient(system.expression(), z), std::back_inserter(outputs));
   std::ranges::copy(system.sources(), std::back_inserter(outputs));
-  formula::Graph other;
-  outputs = formula::on_other_branches(outputs, other, scale);
-  std::vector<formula::Expression> variables;
-  for (const formula::Expression& variable : system.variables()) {
-    variables.push_back(other.variable(system.graph()->variable_name(formula::variables_of(variable).front())));
-  }
-  return formula::ScalarEvaluator(formula::Bytecode(outputs, variables));
+  return formula::evaluators_on_branches(outputs, system.variables());
 }
 
 std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eigen::Index wanted) {
@@ -35,9 +29,7 @@ std::vector<PotentialSample> samples_of(const MultisymplecticSystem& system, Eig
   std::mt19937_64 random(51);
   std::uniform_real_distribution<double> value(-1.4, 1.4);
   const Index d = system.field_count(), coordinates = static_cast<Index>(system.coordinates().size());
-  std::vector<formula::ScalarEvaluator> potentials;
-  std::ranges::transform(formula::branch_scales, std::back_inserter(potentials),
-                         [&](double scale) { return potential_on_branches(system, scale); });
+  std::vector<formula::ScalarEvaluator> potentials = potentials_on_branches(system);
   std::vector<PotentialSample> samples;
   std::vector<double> outputs(static_cast<std::size_t>(1 + d + coordinates));
   for (Index attempt = 0; static_cast<Index>(samples.size()) < wanted && attempt < 4 * wanted; ++attempt) {

@@ -15,9 +15,9 @@ struct PotentialSample {
   double S = 0.0;
 };
 
-/// S, ∂S/∂z of all fields, and the sources, on other branches (formula/branches.hpp): of the variables of the
-/// system. What holds of these at random points holds of S everywhere.
-[[nodiscard]] formula::ScalarEvaluator potential_on_branches(const MultisymplecticSystem& system, double scale);
+/// S, ∂S/∂z of all fields, and the sources, of the variables of the system, on other branches at all scales
+/// (formula/branches.hpp). What holds of these at random points holds of S everywhere.
+[[nodiscard]] std::vector<formula::ScalarEvaluator> potentials_on_branches(const MultisymplecticSystem& system);
 
 /// As many samples of S on other branches at random points where all of them are finite, or fewer where S is defined at
 /// few: then positive points are tried, too. The same for every call. \param sizes what the fields are multiplied by

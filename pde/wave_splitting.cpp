@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 
 #include <rubato/base/compensated_sum.hpp>
-#include <rubato/base/larger.hpp>
 #include <rubato/formula/branches.hpp>
 #include <rubato/grids/slab.hpp>
 #include <rubato/grids/transposition.hpp>
@@ -24,6 +23,7 @@ namespace rubato {
 
 namespace {
 
+using Eigen::MatrixXd, Eigen::VectorXd;
 using formula::Expression;
 
 }  // namespace
@@ -153,40 +153,28 @@ void WaveSplitting::classify() {
 
 /// Whether p ∂_qN = q ∂_pN for all pairs: N depends on p² + q² alone.
 bool WaveSplitting::is_turn() const {
-  constexpr std::size_t points = 32;
+  constexpr int points = 32;
   std::vector<int> fields;
   std::ranges::transform(varying_, std::back_inserter(fields),
                          [this](int i) { return waves_.evolving()[static_cast<std::size_t>(i)]; });
   const PotentialRest rest = rest_of_potential(system_, waves_.L(), fields);
   const std::vector<Expression> slopes = formula::gradient(rest.value, rest.variables);
   const auto n = static_cast<int>(varying_.size());
-  for (const double scale : formula::branch_scales) {
-    formula::Graph other;
-    const std::vector<Expression> outputs = formula::on_other_branches(slopes, other, scale);
-    std::vector<Expression> inputs;
-    for (const Expression& input : rest.inputs) {
-      inputs.push_back(other.variable(rest.graph->variable_name(formula::variables_of(input).front())));
-    }
+  for (formula::ScalarEvaluator& evaluate : formula::evaluators_on_branches(slopes, rest.inputs)) {
     std::mt19937_64 random(20);
     std::uniform_real_distribution<double> value(-1.3, 1.3);
-    grids::FieldSet at(static_cast<int>(inputs.size()), points), values(n, points);
-    for (double& component : at.all()) {
-      component = value(random);
+    MatrixXd at(evaluate.code().input_count(), points), values(n, points);
+    std::ranges::generate(at.reshaped(), [&] { return value(random); });
+    for (int x = 0; x < points; ++x) {
+      evaluate({at.col(x).data(), rest.inputs.size()}, {values.col(x).data(), slopes.size()});
     }
-    formula::BatchEvaluator evaluate(formula::Bytecode(outputs, inputs));
-    evaluate(points, std::as_const(at).pointers(), values.pointers());
     for (int i = 0; i < n; ++i) {
       for (int j = 0; j < n; ++j) {
         if (waves_.inverse_M()(varying_[static_cast<std::size_t>(i)], varying_[static_cast<std::size_t>(j)]) == 0.0) {
           continue;
         }
-        double difference = 0.0, size = 0.0;
-        for (std::size_t x = 0; x < points; ++x) {
-          const double left = at.field(i)[x] * values.field(j)[x], right = at.field(j)[x] * values.field(i)[x];
-          difference = larger(difference, std::abs(left - right));
-          size = std::max(size, std::abs(left));
-        }
-        if (!(difference <= 1e-10 * size)) {
+        const VectorXd left = at.row(i).cwiseProduct(values.row(j)), right = at.row(j).cwiseProduct(values.row(i));
+        if (!((left - right).cwiseAbs().maxCoeff<Eigen::PropagateNaN>() <= 1e-10 * left.cwiseAbs().maxCoeff())) {
           return false;
         }
       }

@@ -19,8 +19,8 @@ using ValueOfVariable = std::function<double(const std::string& name)>;
 /// The value of a variable behind the seam, made of those before it.
 using ImageOfVariable = std::function<double(const std::string& name, const ValueOfVariable& before)>;
 
-/// Looks for such a term at random values; nothing where the formula is the same.
-[[nodiscard]] std::optional<BrokenTerm> find_broken_term(const formula::Graph& graph, formula::Expression formula,
-                                                         const ImageOfVariable& image);
+/// Looks for such a term at random values, on other branches (formula/branches.hpp); nothing where the formula is the
+/// same.
+[[nodiscard]] std::optional<BrokenTerm> find_broken_term(formula::Expression formula, const ImageOfVariable& image);
 
 }  // namespace rubato

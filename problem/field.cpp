@@ -16,7 +16,6 @@
 #include <fmt/ranges.h>
 
 #include <rubato/formula/branches.hpp>
-#include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/pde/field_system.hpp>
@@ -82,21 +81,14 @@ std::optional<Entry> usual_parts(const std::vector<const Value*>& equations, con
 constexpr DerivativeOrder by_t = {1, 0, 0, 0};
 
 /// True if the terms of a sum cancel whatever their variables are, as those of the imaginary part of psi*conj(psi) do.
-bool vanishes(formula::Expression sum, formula::Graph& graph) {
+bool vanishes(formula::Expression sum) {
   const std::vector<formula::Expression> terms = formula::terms_of(sum, formula::Products::expanded);
   constexpr int points = 16;
   constexpr double rounding = 1e-12;
-  for (const double scale : formula::branch_scales) {
-    formula::Graph other;
-    const std::vector<formula::Expression> outputs = formula::on_other_branches(terms, other, scale);
-    std::vector<formula::Expression> variables;
-    for (const std::size_t variable : formula::variables_of(sum)) {
-      variables.push_back(other.variable(graph.variable_name(variable)));
-    }
-    formula::ScalarEvaluator evaluate(formula::Bytecode(outputs, variables));
+  for (formula::ScalarEvaluator& evaluate : formula::evaluators_on_branches(terms)) {
     std::mt19937_64 random(7);
     std::uniform_real_distribution<double> value(0.5, 1.5);
-    std::vector<double> point(variables.size()), values(terms.size());
+    std::vector<double> point(evaluate.code().input_count()), values(terms.size());
     for (int n = 0; n < points; ++n) {
       std::ranges::generate(point, [&] { return value(random); });
       evaluate(point, values);
@@ -328,7 +320,7 @@ private:
                   right = jets_.side({text.substr(sign + 1), place_in_file(value.location, 1, sign + 2)});
     equations.push_back(left.re - right.re);
     const formula::Expression zero = density_.graph->constant(0.0);
-    if (const auto im = left.im.value_or(zero) - right.im.value_or(zero); !vanishes(im, *density_.graph)) {
+    if (const auto im = left.im.value_or(zero) - right.im.value_or(zero); !vanishes(im)) {
       equations.push_back(im);
     }
   }

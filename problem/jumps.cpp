@@ -92,13 +92,13 @@ void check_jumps(const Problem& problem) {
       const auto at = std::ranges::find(fields, name);
       return value(name) + (at == fields.end() ? 0.0 : by[static_cast<std::size_t>(at - fields.begin())]);
     };
-    if (const auto broken = find_broken_term(*system.graph(), system.expression(), image)) {
+    if (const auto broken = find_broken_term(system.expression(), image)) {
       refuse(*broken, axis.jumps.front().location, "S");
     }
     for (const NamedFormula& invariant : pde.invariants) {
       formula::Graph graph;
       const formula::Expression density = problem.build(invariant.formula, graph, quantity_names(pde), pde.fields);
-      if (const auto broken = find_broken_term(graph, density, image)) {
+      if (const auto broken = find_broken_term(density, image)) {
         refuse(*broken, invariant.formula.location, "the density of an invariant");
       }
     }
@@ -119,7 +119,7 @@ void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& t
     const ImageOfVariable image = [&](const std::string& name, const ValueOfVariable& value) {
       return value(name) + (by.contains(name) ? by.at(name) : 0.0);
     };
-    if (const auto broken = find_broken_term(*density.graph, density.L, image)) {
+    if (const auto broken = find_broken_term(density.L, image)) {
       throw ProblemError(text.location,
                          fmt::format("L has to be the same on both sides of the seam, and {} changes its term {} (from "
                                      "{:.6g} to {:.6g} at some values). Write it with differences of {}, or leave jump "

@@ -165,7 +165,7 @@ void check_twists(Problem& problem) {
     for (const NamedFormula& invariant : pde.invariants) {
       formula::Graph graph;
       const formula::Expression density = problem.build(invariant.formula, graph, quantity_names(pde), pde.fields);
-      if (const auto broken = find_broken_term(graph, density, ImageBehindSeam(problem, a))) {
+      if (const auto broken = find_broken_term(density, ImageBehindSeam(problem, a))) {
         refuse_broken(*broken, pde.axes[a], "the density of an invariant", invariant.formula.location);
       }
     }
@@ -178,7 +178,7 @@ void check_density_twists(const Problem& problem, const FormulaText& text, const
     if (pde.axes[a].twists.empty() || !make_twists(problem).any()) {
       continue;
     }
-    if (const auto broken = find_broken_term(*density.graph, density.L, ImageBehindSeam(problem, a))) {
+    if (const auto broken = find_broken_term(density.L, ImageBehindSeam(problem, a))) {
       refuse_broken(*broken, pde.axes[a], "L", text.location);
     }
   }

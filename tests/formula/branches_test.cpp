@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <string>
@@ -17,12 +18,11 @@ namespace {
 
 /// The largest value of the formula at some points on other branches, at both scales.
 double largest(const std::string& text) {
+  Graph graph;
+  const std::array formulas = {parse(text, graph, std::array<std::string, 2>{"x", "y"})};
   double most = 0.0;
-  for (const double scale : branch_scales) {
-    Graph graph, other;
-    const std::array formulas = {parse(text, graph, std::array<std::string, 2>{"x", "y"})};
-    const std::vector<Expression> outputs = on_other_branches(formulas, other, scale);
-    ScalarEvaluator evaluate(Bytecode(outputs, std::array{other.variable("x"), other.variable("y")}));
+  for (ScalarEvaluator& evaluate :
+       evaluators_on_branches(formulas, std::array{graph.variable("x"), graph.variable("y")})) {
     std::vector<double> value(1);
     for (const auto& [x, y] :
          {std::array{0.3, 0.9}, std::array{1.1, 0.4}, std::array{0.7, -0.2}, std::array{0.52, 1.3},
@@ -53,5 +53,19 @@ TEST_CASE("a piece that is 0 at the points is not 0 on other branches", "[formul
         "5*exp(-1000*(x - 12)^2)*y", "5*sech(100*(x - 12))^2*y", "erf(100*(x - 12)) + 1"}) {
     INFO(piece);
     CHECK(largest(piece) > 1e-9);
+  }
+}
+
+TEST_CASE("formulas without pieces and fast growth have one branch", "[formula]") {
+  const auto has_one = [](const std::string& text) {
+    Graph graph;
+    return have_one_branch(std::array{parse(text, graph, std::array<std::string, 2>{"x", "y"})});
+  };
+  CHECK(has_one("sin(x)^2*y + sqrt(1 + x^2) + log(2 + y)"));
+  CHECK(have_one_branch({}));
+  for (const std::string other : {"abs(x)", "sign(x)", "min(x, y)", "max(x, y)", "floor(x)", "where(x > 0, y, 1)",
+                                  "exp(x)", "x*tanh(y)", "1 + cosh(x*y)"}) {
+    INFO(other);
+    CHECK_FALSE(has_one(other));
   }
 }
