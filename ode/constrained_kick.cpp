@@ -208,11 +208,18 @@ double ConstrainedKick::relative() const {
   return largest == 0.0 ? 0.0 : largest / sums[c_];
 }
 
-void ConstrainedKick::matrix(Eigen::MatrixXd& matrix) const {
+void ConstrainedKick::matrix(Eigen::MatrixXd& matrix, Eigen::VectorXd& units) const {
+  const double* const entries = outputs_ + 3 * c_ + 2 + 4 * n_ + m_;
+  units.setOnes();
+  for (std::size_t k = 0; k < places_.size(); ++k) {
+    if (const double size = std::abs(entries[k]); places_[k].row == places_[k].column && std::isnormal(size)) {
+      units[static_cast<Index>(places_[k].row)] = 1.0 / std::sqrt(size);
+    }
+  }
   matrix.setZero();
-  const double* entry = outputs_ + 3 * c_ + 2 + 4 * n_ + m_;
-  for (const auto [row, column] : places_) {
-    matrix(static_cast<Index>(row), static_cast<Index>(column)) = *entry++;
+  for (std::size_t k = 0; k < places_.size(); ++k) {
+    const auto row = static_cast<Index>(places_[k].row), column = static_cast<Index>(places_[k].column);
+    matrix(row, column) = units[row] * entries[k] * units[column];
   }
 }
 

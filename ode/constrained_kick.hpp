@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <span>
 
 #include <Eigen/Core>
@@ -9,6 +10,56 @@
 #include <rubato/ode/constraints.hpp>
 
 namespace rubato {
+
+/// What kicks start from, and their multipliers, with all numbers side by side as ConstrainedKick reads them.
+class KickPoint {
+public:
+  /// \param n coordinates \param entries of G that do not vanish \param constraints multipliers
+  KickPoint(Eigen::Index n, Eigen::Index entries, Eigen::Index constraints)
+      : n_(n), m_(entries), c_(constraints), numbers_(Eigen::VectorXd::Zero(6 * n + entries + constraints + 1)) {}
+
+  using Numbers = Eigen::Map<Eigen::VectorXd>;
+
+  /// Before the kick: z + (low + δ), 2n entries each, and the entries of G there.
+  ///@{
+  [[nodiscard]] Numbers z() { return part(0, 2 * n_); }
+  [[nodiscard]] Numbers low() { return part(2 * n_, 2 * n_); }
+  [[nodiscard]] Numbers delta() { return part(4 * n_, 2 * n_); }
+  [[nodiscard]] Numbers entries() { return part(6 * n_, m_); }
+  ///@}
+  [[nodiscard]] Numbers mu() { return part(6 * n_ + m_, c_); }
+  [[nodiscard]] double& length() { return numbers_[6 * n_ + m_ + c_]; }  ///< of a drift
+
+  /// Stands at z + low, with δ = 0.
+  void stand_at(const Eigen::VectorXd& z, const Eigen::VectorXd& low) {
+    double* const numbers = numbers_.data();
+    std::copy_n(z.data(), 2 * n_, numbers);
+    std::copy_n(low.data(), 2 * n_, numbers + 2 * n_);
+    std::fill_n(numbers + 4 * n_, 2 * n_, 0.0);
+  }
+
+  /// p -= length ∇V.
+  void kick(double length, const Eigen::VectorXd& force) {
+    double* const p = numbers_.data() + 5 * n_;
+    for (Eigen::Index i = 0; i < n_; ++i) {
+      p[i] -= length * force[i];
+    }
+  }
+  /// To where a drift ends.
+  void move(const double* delta, const double* entries) {
+    std::copy_n(delta, 2 * n_, numbers_.data() + 4 * n_);
+    std::copy_n(entries, m_, numbers_.data() + 6 * n_);
+  }
+  void set_mu(const double* mu) { std::copy_n(mu, c_, numbers_.data() + 6 * n_ + m_); }
+
+  [[nodiscard]] const double* data() const { return numbers_.data(); }
+
+private:
+  [[nodiscard]] Numbers part(Eigen::Index first, Eigen::Index size) { return {numbers_.data() + first, size}; }
+
+  Eigen::Index n_, m_, c_;
+  Eigen::VectorXd numbers_;
+};
 
 /// A kick p -= Gᵀμ and what follows it, with the c equations that μ solves and their derivatives by μ, as one formula:
 ///
@@ -23,20 +74,9 @@ public:
   ConstrainedKick(formula::Expression T, std::span<const formula::Expression> variables, const Constraints& constraints,
                   Then then);
 
-  using Numbers = Eigen::Map<Eigen::VectorXd>;
   using Results = Eigen::Map<const Eigen::VectorXd>;
 
-  /// Before the kick: z + (low + δ), 2n entries each, and the entries of G there.
-  ///@{
-  [[nodiscard]] Numbers z() { return input(0, 2 * n_); }
-  [[nodiscard]] Numbers low() { return input(2 * n_, 2 * n_); }
-  [[nodiscard]] Numbers delta() { return input(4 * n_, 2 * n_); }
-  [[nodiscard]] Numbers entries() { return input(6 * n_, m_); }
-  ///@}
-  [[nodiscard]] Numbers mu() { return input(6 * n_ + m_, c_); }
-  [[nodiscard]] double& length() { return evaluator_.inputs().back(); }  ///< of a drift
-
-  void evaluate() { outputs_ = evaluator_.at(evaluator_.inputs().data()); }
+  void evaluate(const KickPoint& from) { outputs_ = evaluator_.at(from.data()); }
 
   /// What is left of the equations.
   ///@{
@@ -46,8 +86,9 @@ public:
   /// Relative to G times the largest of these; not a number where something is not finite.
   [[nodiscard]] double relative() const;
   ///@}
-  /// Derivatives of the values are minus this, c × c.
-  void matrix(Eigen::MatrixXd& matrix) const;
+  /// Derivatives of the values are minus this, c × c; here U A U with a diagonal U that makes the diagonal 1 where it
+  /// is not 0, so that units of constraints do not choose the pivots.
+  void matrix(Eigen::MatrixXd& matrix, Eigen::VectorXd& units) const;
   /// After all: δ and z + (low + δ), 2n entries each, T or H, and of a drift the entries of G there.
   ///@{
   [[nodiscard]] Results delta_there() const { return output(3 * c_ + 1, 2 * n_); }
@@ -59,7 +100,6 @@ public:
 private:
   using Index = Eigen::Index;
 
-  [[nodiscard]] Numbers input(Index first, Index size) { return {evaluator_.inputs().data() + first, size}; }
   [[nodiscard]] Results output(Index first, Index size) const { return {outputs_ + first, size}; }
 
   Index n_, c_, m_;

@@ -51,9 +51,10 @@ private:
     if (const Status status = iterate(h); status != Status::success) {
       return status;
     }
-    entries_ = at_.entries();
-    delta_ = unknowns_.head(2 * n_);
-    at_.kick(first_entries_, mu_, delta_.data() + n_);
+    point_.stand_at(z_.value(), z_.low());
+    point_.delta() = unknowns_.head(2 * n_);
+    at_.kick(first_entries_, mu_, point_.delta().data() + n_);
+    point_.entries() = at_.entries();
     return Status::success;
   }
 

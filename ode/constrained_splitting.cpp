@@ -70,9 +70,7 @@ private:
   void start_on_tangent(double) override { unknowns_.setZero(); }
 
   [[nodiscard]] Status step(double h) override {
-    drift_.z() = z_.value();
-    drift_.low() = z_.low();
-    drift_.delta().setZero();
+    point_.stand_at(z_.value(), z_.low());
     if (!here_.known) {
       here_.q = z_.value().head(n_);
       evaluate_potential(here_);
@@ -80,13 +78,13 @@ private:
       here_.entries = at_.entries();
       here_.known = true;
     }
-    drift_.entries() = here_.entries;
+    point_.entries() = here_.entries;
     energy_ = 0.0;
     const ConstrainedNode* node = &here_;
     Index drift = 0;
     for (const Composition::Part& part : composition_.parts) {
       if (!part.drift) {
-        drift_.delta().tail(n_) -= part.length * h * node->force;
+        point_.kick(part.length * h, node->force);
         energy_ += part.length * node->V;
         continue;
       }
@@ -94,13 +92,12 @@ private:
         return status;
       }
       energy_ += part.length * drift_.energy();
-      there_.q = drift_.there().head(n_);
+      std::copy_n(drift_.there().data(), n_, there_.q.data());
       evaluate_potential(there_);
       node = &there_;
     }
-    there_.entries = entries_ = drift_.entries();
+    there_.entries = point_.entries();
     there_.known = true;
-    delta_ = drift_.delta();
     return Status::success;
   }
 
@@ -113,19 +110,18 @@ private:
   /// p -= Gᵀμ and q += length ∇T(p), with g = 0 at its end, by Newton's method for μ; its matrix is kept as long as
   /// corrections shrink fast. \param first the place of μ in unknowns_
   [[nodiscard]] Status drift_to_constraint(double length, Index first) {
-    drift_.length() = length;
+    point_.length() = length;
     auto mu = unknowns_.segment(first, c_);
     double last = std::numeric_limits<double>::infinity();
     bool factored = false;
     for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
       ++iterations_;
-      drift_.mu() = mu;
-      drift_.evaluate();
+      point_.set_mu(mu.data());
+      drift_.evaluate(point_);
       const bool is_rounding = drift_.is_rounding(roundings_of_step);
       const double relative = is_rounding ? 0.0 : drift_.relative();
       if (is_rounding || (relative >= 0.5 * last && relative <= stagnant_constraint)) {
-        drift_.delta() = drift_.delta_there();
-        drift_.entries() = drift_.entries_there();
+        point_.move(drift_.delta_there().data(), drift_.entries_there().data());
         return Status::success;
       }
       if (!std::isfinite(relative)) {
@@ -160,8 +156,8 @@ private:
       }
     };
     std::ranges::fill(energies, 0.0);
-    drift_.low().setZero();
-    drift_.delta().setZero();
+    point_.low().setZero();
+    point_.delta().setZero();
     at_end_ = z_.value() + z_.low();
     at_.evaluate(at_end_.data());
     Index drift = 0;
@@ -182,11 +178,11 @@ private:
       const double length = part.length * h;
       mu_ = unknowns_.segment(c_ * drift++, c_);
       vary_gradients(at_end_.data(), mu_, columns);
-      drift_.z() = at_end_;
-      drift_.entries() = at_.entries();
-      drift_.mu() = mu_;
-      drift_.length() = length;
-      drift_.evaluate();
+      point_.z() = at_end_;
+      point_.entries() = at_.entries();
+      point_.mu() = mu_;
+      point_.length() = length;
+      drift_.evaluate(point_);
       at_end_ = drift_.there();
       at_.evaluate(at_end_.data());
       T.evaluate({at_end_.data() + n_, size});
@@ -203,7 +199,7 @@ private:
         rates_.noalias() = at_.G().lazyProduct(columns.col(i).head(n_));
         solve_multipliers();
         kicked_.setZero();
-        at_.kick(drift_.entries(), rates_, kicked_.data());
+        at_.kick(point_.entries(), rates_, kicked_.data());
         T.shear(length, kicked_.data(), columns.col(i).data());
         columns.col(i).tail(n_) += kicked_;
       }

@@ -21,6 +21,7 @@ ConstrainedState::ConstrainedState(const Hamiltonian& hamiltonian, Index unknown
       n_(static_cast<Index>(z_0.size()) / 2),
       c_(static_cast<Index>(constraints_.count())),
       at_(constraints_),
+      point_(n_, static_cast<Index>(constraints_.places().size()), c_),
       history_(unknowns),
       q_names_(hamiltonian.q_names()),
       projection_(hamiltonian.expression(), hamiltonian.variables(), constraints_, ConstrainedKick::Then::projection),
@@ -30,7 +31,6 @@ ConstrainedState::ConstrainedState(const Hamiltonian& hamiltonian, Index unknown
   at_end_.setZero(2 * n_);
   errors_.setZero(2 * n_);
   rates_.setZero(c_);
-  entries_.setZero(static_cast<Index>(constraints_.places().size()));
   nu_.setZero(c_);
   multiplier_units_.setOnes(c_);
   matrix_.setZero(c_, c_);
@@ -126,13 +126,13 @@ NodeEnergy ConstrainedState::node_at(const VectorXd& z) {
 }
 
 void ConstrainedState::check_start(std::span<const std::string> p_names) {
-  delta_.setZero();
   at_.evaluate(z_.value().data());
-  entries_ = at_.entries();
+  point_.stand_at(z_.value(), z_.low());
+  point_.entries() = at_.entries();
   const Status found = project();
   const VectorXd projection = projection_.there().tail(n_);
-  projection_.mu().setZero();
-  projection_.evaluate();
+  point_.mu().setZero();
+  projection_.evaluate(point_);
   if (!projection_.is_rounding(roundings_of_start)) {
     refuse_start_off_hidden(constraints_, projection_.values(),
                             found == Status::success ? listed(p_names, projection) : std::string());
@@ -141,19 +141,15 @@ void ConstrainedState::check_start(std::span<const std::string> p_names) {
 
 /// p -= Gᵀν with G H_p = 0 at the end of the step.
 Status ConstrainedState::project() {
-  projection_.z() = z_.value();
-  projection_.low() = z_.low();
-  projection_.delta() = delta_;
-  projection_.entries() = entries_;
   nu_.setZero();
   double last = std::numeric_limits<double>::infinity();
   for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
-    projection_.mu() = nu_;
-    projection_.evaluate();
+    point_.set_mu(nu_.data());
+    projection_.evaluate(point_);
     const bool is_rounding = projection_.is_rounding(roundings_of_step);
     const double relative = is_rounding ? 0.0 : projection_.relative();
     if (is_rounding || (relative >= 0.5 * last && relative <= stagnant_constraint)) {
-      delta_.tail(n_) = projection_.delta_there().tail(n_);
+      delta_ = projection_.delta_there();
       return Status::success;
     }
     if (!std::isfinite(relative)) {
@@ -173,12 +169,7 @@ Status ConstrainedState::project() {
 }
 
 Status ConstrainedState::factor(const ConstrainedKick& kick) {
-  kick.matrix(matrix_);
-  for (Index i = 0; i < c_; ++i) {  // by powers of 2, so that the units of constraints do not choose the pivots
-    const double size = std::abs(matrix_(i, i));
-    multiplier_units_[i] = std::isnormal(size) ? std::ldexp(1.0, -(std::ilogb(size) / 2)) : 1.0;
-  }
-  matrix_ = multiplier_units_.asDiagonal() * matrix_ * multiplier_units_.asDiagonal();
+  kick.matrix(matrix_, multiplier_units_);
   if (multiplier_solver_.factor(matrix_.data()) == Status::success &&
       multiplier_solver_.rcond_estimate() > least_multiplier_pivot) {
     return Status::success;
@@ -190,9 +181,14 @@ Status ConstrainedState::factor(const ConstrainedKick& kick) {
 }
 
 void ConstrainedState::solve_multipliers() {
-  rates_ = rates_.cwiseProduct(multiplier_units_);
-  multiplier_solver_.solve(rates_.data());
-  rates_ = rates_.cwiseProduct(multiplier_units_);
+  double* const rates = rates_.data();
+  for (Index i = 0; i < c_; ++i) {
+    rates[i] *= multiplier_units_[i];
+  }
+  multiplier_solver_.solve(rates);
+  for (Index i = 0; i < c_; ++i) {
+    rates[i] *= multiplier_units_[i];
+  }
 }
 
 ConstrainedState::Second& ConstrainedState::second() {
@@ -222,12 +218,12 @@ Status ConstrainedState::vary(std::span<double> columns, std::span<double> energ
 
 /// Factors G H_pp Gᵀ at at_end_.
 Status ConstrainedState::factor_there() {
-  projection_.z() = at_end_;
-  projection_.low().setZero();
-  projection_.delta().setZero();
-  projection_.entries() = at_.entries();
-  projection_.mu().setZero();
-  projection_.evaluate();
+  point_.z() = at_end_;
+  point_.low().setZero();
+  point_.delta().setZero();
+  point_.entries() = at_.entries();
+  point_.mu().setZero();
+  projection_.evaluate(point_);
   return factor(projection_);
 }
 

@@ -51,8 +51,8 @@ protected:
   /// \param unknowns of a step, about proportional to its length
   ConstrainedState(const Hamiltonian& hamiltonian, Index unknowns, std::span<const double> z_0);
 
-  /// A trial step from unknowns_, which it improves; fills in δ, but for the projection, the discrete energy, and
-  /// entries_ at its end.
+  /// A trial step from unknowns_, which it improves; leaves its end, before the projection, in point_, and the discrete
+  /// energy.
   [[nodiscard]] virtual Status step(double h) = 0;
   /// The derivatives of step(), of columns as for linearise(), or for tangent() with no energies. It takes the step
   /// once more with the multipliers known, ends with the constraints evaluated at its end and with at_end_ there, p
@@ -74,8 +74,8 @@ protected:
   Index n_, c_;
   ConstraintEvaluator at_;
   Eigen::VectorXd unknowns_;                  ///< of the trial
-  Eigen::VectorXd at_end_, rates_;            ///< z_{k+1} as far as it is known
-  Eigen::VectorXd entries_;                   ///< of G at the end of the trial
+  KickPoint point_;                           ///< where the trial stands
+  Eigen::VectorXd at_end_, rates_;            ///< z_{k+1}
   double energy_ = 0.0;                       ///< of the trial
   double rounding_magnitude_ = 1.0;           ///< that of energy_size(), beside one evaluation of H
   VelocityHistory<Eigen::VectorXd> history_;  ///< of unknowns_

@@ -25,7 +25,7 @@ void Law::describe_cells(record::Layout& layout, const std::vector<std::string>&
 }
 
 void Law::append(RowSink& sink) const {
-  const figures::ResidualFigures reported = figures();
+  const figures::ResidualFigures& reported = figures();
   sink.append(max_, reported.max);
   sink.append(rms_, reported.rms);
   sink.append(undefined_, static_cast<std::int64_t>(reported.undefined));

@@ -24,11 +24,14 @@ public:
   [[nodiscard]] const std::string& name() const { return name_; }
   /// The magnitudes over the step taken last; with count 0 where it has none.
   [[nodiscard]] const Spread& size() const { return size_; }
-  [[nodiscard]] figures::ResidualFigures figures() const { return figures::ResidualFigures::of(size_); }
+  [[nodiscard]] const figures::ResidualFigures& figures() const { return figures_; }
   /// The residual in every cell, or at every node; not a number where it was not taken.
   [[nodiscard]] std::span<const double> cells() const { return cells_; }
   [[nodiscard]] bool has_cells() const { return !cells_.empty(); }
-  void set(const Spread& size) { size_ = size; }
+  void set(const Spread& size) {
+    size_ = size;
+    figures_ = figures::ResidualFigures::of(size);
+  }
 
   /// Where a record has it.
   ///@{
@@ -54,6 +57,7 @@ private:
   std::string name_;
   std::span<const double> cells_;
   Spread size_;
+  figures::ResidualFigures figures_ = figures::ResidualFigures::of({});
   record::Column max_, rms_, undefined_, cells_column_;
 };
 
