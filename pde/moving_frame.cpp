@@ -77,9 +77,25 @@ const LatticeLevel& LaboratoryView::operator()(const LatticeLevel& level, double
       shift_.emplace(grid_, level.fields.fields());
     }
     (*shift_)(std::as_const(moved_->fields).pointers(), moved_->fields.pointers(), by);
+    move_ramps(by);
     grids::refresh_ghosts(moved_->fields);
   }
   return *moved_;
+}
+
+/// The frame's ramp, Σ_a (x_a - by_a - from_a) J_a/L_a, is that of the laboratory less a constant.
+void LaboratoryView::move_ramps(const std::array<double, 3>& by) {
+  for (int f = 0; f < moved_->fields.fields(); ++f) {
+    double less = 0.0;
+    for (std::size_t a = 0; a < frame_.jumps.size(); ++a) {
+      less += frame_.jumps[a](f) * by[a] / grid_.axis(static_cast<int>(a)).length();
+    }
+    if (less != 0.0) {
+      for (double& value : moved_->fields.field(f)) {
+        value -= less;
+      }
+    }
+  }
 }
 
 void fit_frame(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& before,
@@ -113,6 +129,9 @@ void fit_frame(const MultisymplecticSystem& system, const grids::Grid& grid, con
     for (int a = 0; a < directions; ++a) {
       derivative(a, mean.col(f).data(), A.col(a).data());
       A.col(a) *= -1.0;
+      if (!frame.jumps.empty()) {
+        A.col(a).array() -= frame.jumps[static_cast<std::size_t>(a)](f) / grid.axis(a).length();
+      }
     }
     if (columns > directions) {
       A.col(directions) = mean * frame.B.row(f).transpose();

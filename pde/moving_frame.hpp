@@ -24,6 +24,9 @@ struct MovingFrame {
   double rate = 0.0;             ///< ω
   Eigen::MatrixXd B = {};        ///< where the rate is not 0
   double start = 0.0;            ///< t_0: there frame and laboratory agree
+  /// J_a of all fields, one vector for each direction; none where no field jumps from one period to the next.
+  /// Hypothesis: B leaves fields that do alone.
+  std::vector<Eigen::VectorXd> jumps = {};
 
   /// The equation in the frame. Hypotheses: S names no coordinate; B is a symmetry (check_symmetry()).
   /// \throws std::invalid_argument as MultisymplecticSystem, where a field is not determined in the frame
@@ -40,7 +43,8 @@ struct MovingFrame {
 };
 
 /// Levels of a frame as the laboratory has them at its nodes, by trigonometric interpolation. Potentials keep their
-/// slopes and lose a constant; fields that exist in the middle of steps are moved as if they were at the level.
+/// slopes and lose a constant; fields that exist in the middle of steps are moved as if they were at the level. Of a
+/// field that jumps this is the periodic part in the laboratory, that without the ramp at its nodes.
 class LaboratoryView {
 public:
   LaboratoryView(MovingFrame frame, const grids::Grid& grid) : frame_(std::move(frame)), grid_(grid) {}
@@ -50,6 +54,8 @@ public:
   [[nodiscard]] const MovingFrame& frame() const { return frame_; }
 
 private:
+  void move_ramps(const std::array<double, 3>& by);
+
   MovingFrame frame_;
   grids::Grid grid_;
   std::optional<grids::Shift> shift_;

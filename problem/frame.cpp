@@ -36,9 +36,6 @@ void refuse_places(const Problem& problem, const Location& location) {
                                                name));
     }
   }
-  if (pde.has_jumps()) {
-    throw ProblemError(location, "a frame moves, and [grid] has a jump, whose seam stays: leave one of them out");
-  }
   if (pde.has_twists()) {
     throw ProblemError(location, "a frame moves, and [grid] has a phase, whose seam stays: leave one of them out");
   }
@@ -48,6 +45,20 @@ void refuse_places(const Problem& problem, const Location& location) {
   if (pde.next) {
     throw ProblemError(pde.next->location,
                        "[initial.next] is a level of the laboratory, and the frame moves: leave one of them out");
+  }
+}
+
+/// A frame does not turn fields that jump: S is not the same at z + J and in the turned frame.
+void refuse_turning_jumps(const MultisymplecticProblem& pde, const std::string& symmetry, const Location& location) {
+  const Eigen::MatrixXd B = dense(std::ranges::find(pde.symmetries, symmetry, &StatedSymmetry::name)->B);
+  for (const GridAxis& axis : pde.axes) {
+    for (const StatedJump& jump : axis.jumps) {
+      const auto f = std::ranges::find(pde.fields, jump.field) - pde.fields.begin();
+      if (!B.row(f).isZero() || !B.col(f).isZero()) {
+        throw ProblemError(location, fmt::format("{} turns the field {}, which jumps: leave phase or the jump out",
+                                                 symmetry, jump.field));
+      }
+    }
   }
 }
 
@@ -113,6 +124,7 @@ std::optional<StatedFrame> read_frame(Section& scheme, const Problem& problem) {
     }
     const Entry& rate = rates.front();
     frame.symmetry = symmetry_of_phase(rate, *pde);
+    refuse_turning_jumps(*pde, frame.symmetry, rate.location);
     frame.rate = read_rate(rate.value, "phase", problem.parameters);
   }
   section->finish();

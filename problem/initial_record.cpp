@@ -226,8 +226,8 @@ double time_of(const std::string& file, const Location& location) {
 /// Fields of a level of a moving frame at the nodes of the laboratory. \param which their numbers
 /// \throws record::Error where one turns with a field that is not stored
 std::vector<std::vector<double>> laboratory_fields(const record::Reader& reader, const MultisymplecticProblem& pde,
-                                                   MovingFrame frame, const grids::Grid& grid, const StoredState& state,
-                                                   std::span<const int> which) {
+                                                   MovingFrame frame, const Jumps& jumps, const grids::Grid& grid,
+                                                   const StoredState& state, std::span<const int> which) {
   const int count = static_cast<int>(pde.fields.size());
   LatticeLevel level{.fields = grids::FieldSet(count, grid.size()), .slopes = {}};
   for (int f = 0; f < count; ++f) {
@@ -239,11 +239,13 @@ std::vector<std::vector<double>> laboratory_fields(const record::Reader& reader,
       throw record::Error(reader.file(), path + " is missing, and others turn with it");
     }
   }
+  WholeFields whole(jumps, grid, count);
+  whole.remove(level.fields.all());
   LaboratoryView laboratory(std::move(frame), grid);
   const LatticeLevel& moved = laboratory(level, state.t);
   std::vector<std::vector<double>> fields;
   for (const int f : which) {
-    const std::span<const double> values = moved.fields.field(f);
+    const std::span<const double> values = whole(f, moved.fields.all());
     fields.emplace_back(values.begin(), values.end());
   }
   return fields;
@@ -394,10 +396,11 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
       others.push_back(static_cast<int>(std::ranges::find(pde->fields, name) - pde->fields.begin()));
     }
     // The first state is of the laboratory, whatever the frame.
+    const Jumps of_record = make_jumps(other);
     std::optional<MovingFrame> frame = state.row == 0 ? std::nullopt : make_frame(other);
     if (frame) {
       const std::vector<std::vector<double>> moved =
-          laboratory_fields(reader, *pde, std::move(*frame), old, state, others);
+          laboratory_fields(reader, *pde, std::move(*frame), of_record, old, state, others);
       std::ranges::transform(moved, std::back_inserter(fields), [&](const auto& values) {
         return FieldOnGrid{values, old};
       });
@@ -406,7 +409,7 @@ std::vector<std::vector<double>> read_initial_fields(const InitialRecord& source
         return FieldOnGrid{reader.read("/states/" + name, state.row, 1), old};
       });
     }
-    return make_jumps(other).resampled(others, fields, grid);
+    return of_record.resampled(others, fields, grid);
   });
 }
 

@@ -130,25 +130,30 @@ void check_density_jumps(const MultisymplecticProblem& pde, const FormulaText& t
   }
 }
 
+std::vector<Eigen::VectorXd> jumps_of(const MultisymplecticProblem& pde) {
+  std::vector<Eigen::VectorXd> jumps;
+  for (const GridAxis& axis : pde.axes) {
+    if (!pde.has_jumps()) {
+      break;
+    }
+    jumps.emplace_back(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(pde.fields.size())));
+    for (const StatedJump& jump : axis.jumps) {
+      jumps.back()(std::ranges::find(pde.fields, jump.field) - pde.fields.begin()) = jump.value;
+    }
+  }
+  return jumps;
+}
+
 Jumps make_jumps(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   if (!pde.has_jumps() && !pde.has_twists()) {
     return {};
   }
   std::vector<grids::Axis> axes;
-  std::vector<Eigen::VectorXd> jumps;
-  const auto d = static_cast<Eigen::Index>(pde.fields.size());
   for (const GridAxis& axis : pde.axes) {
     axes.push_back({axis.name, axis.from, axis.to, static_cast<std::size_t>(axis.cells)});
-    if (!pde.has_jumps()) {
-      continue;
-    }
-    jumps.emplace_back(Eigen::VectorXd::Zero(d));
-    for (const StatedJump& jump : axis.jumps) {
-      jumps.back()(std::ranges::find(pde.fields, jump.field) - pde.fields.begin()) = jump.value;
-    }
   }
-  return {make_laboratory_system(problem), axes, jumps, make_twists(problem)};
+  return {make_system_of_fields(problem), axes, jumps_of(pde), make_twists(problem)};
 }
 
 }  // namespace rubato

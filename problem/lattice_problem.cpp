@@ -335,12 +335,14 @@ MultisymplecticSystem make_laboratory_system(const Problem& problem) {
                      [&] { return MultisymplecticSystem(graph, pde.fields, dense(pde.M), std::move(K), S); });
 }
 
-MultisymplecticSystem make_system(const Problem& problem) {
+MultisymplecticSystem make_system_of_fields(const Problem& problem) {
   const MultisymplecticSystem laboratory = make_laboratory_system(problem);
   const std::optional<MovingFrame> frame = make_frame(problem);
-  return make_method(problem)->seen(
-      frame ? at_location(problem.scheme.frame->location, [&] { return frame->seen(laboratory); })
-            : make_jumps(problem).seen(laboratory));
+  return frame ? at_location(problem.scheme.frame->location, [&] { return frame->seen(laboratory); }) : laboratory;
+}
+
+MultisymplecticSystem make_system(const Problem& problem) {
+  return make_method(problem)->seen(make_jumps(problem).seen(make_system_of_fields(problem)));
 }
 
 std::optional<MovingFrame> make_frame(const Problem& problem) {
@@ -351,7 +353,8 @@ std::optional<MovingFrame> make_frame(const Problem& problem) {
   const MultisymplecticProblem& pde = *problem.multisymplectic();
   MovingFrame frame{.velocity = stated.velocity.value_or(std::vector<double>(pde.axes.size(), 0.0)),
                     .rate = stated.rate.value_or(0.0),
-                    .start = pde.start};
+                    .start = pde.start,
+                    .jumps = jumps_of(pde)};
   if (!stated.symmetry.empty()) {
     frame.B = dense(std::ranges::find(pde.symmetries, stated.symmetry, &StatedSymmetry::name)->B);
   }

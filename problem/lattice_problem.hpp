@@ -25,6 +25,10 @@ namespace rubato {
 [[nodiscard]] Eigen::MatrixXd dense(const Matrix& matrix);
 /// The equation as the problem states it: without a frame, and for no scheme in particular.
 [[nodiscard]] MultisymplecticSystem make_laboratory_system(const Problem& problem);
+/// The same in the frame of the problem, if there is one; of the fields z, which may jump.
+[[nodiscard]] MultisymplecticSystem make_system_of_fields(const Problem& problem);
+/// J_a of all fields, one vector for each axis of [grid]; none where no field jumps.
+[[nodiscard]] std::vector<Eigen::VectorXd> jumps_of(const MultisymplecticProblem& pde);
 /// The jumps and twists of [grid].
 [[nodiscard]] Jumps make_jumps(const Problem& problem);
 /// The layers of [grid] sponge; null where there are none.

@@ -61,12 +61,14 @@ public:
       throw record::Error(reader.file(), "/frame/shift has not one row for each stored level");
     }
     by_.resize(shift.size());
+    periods_.resize(shift.size());
     for (std::size_t a = 0; a < directions; ++a) {  // of x first
       const std::vector<double> nodes = reader.read("/grid/" + dimensions[directions - 1 - a], 0, 2);
       const auto cells = static_cast<double>(cells_[a]);
       for (std::size_t i = a; i < shift.size(); i += directions) {
         const double moved = std::round(shift[i] / (nodes.at(1) - nodes.at(0)));
-        by_[i] = static_cast<std::size_t>(moved - cells * std::floor(moved / cells));
+        periods_[i] = std::floor(moved / cells);
+        by_[i] = static_cast<std::size_t>(moved - cells * periods_[i]);
       }
     }
     if (reader.has("/frame/turn")) {
@@ -88,8 +90,10 @@ public:
     return std::max(row, column) < fields ? turn_[(level * fields + row) * fields + column] : 0.0;
   }
 
-  /// A row at the nodes of the laboratory.
-  [[nodiscard]] std::span<const double> operator()(std::size_t level, std::span<const double> values) {
+  /// A row at the nodes of the laboratory. \param jump how much larger the field is a period farther, for each
+  /// direction; none where it repeats
+  [[nodiscard]] std::span<const double> operator()(std::size_t level, std::span<const double> values,
+                                                   std::span<const double> jump = {}) {
     if (by_.empty()) {
       return values;
     }
@@ -97,12 +101,17 @@ public:
     const std::size_t directions = cells_.size();
     for (std::size_t node = 0; node < values.size(); ++node) {
       std::size_t rest = node, target = 0, stride = 1;
+      double beyond = 0.0;
       for (std::size_t a = 0; a < directions; ++a) {
-        target += (rest % cells_[a] + by_[level * directions + a]) % cells_[a] * stride;
+        const std::size_t at = rest % cells_[a] + by_[level * directions + a];
+        if (!jump.empty()) {
+          beyond += jump[a] * (periods_[level * directions + a] + static_cast<double>(at / cells_[a]));
+        }
+        target += at % cells_[a] * stride;
         rest /= cells_[a];
         stride *= cells_[a];
       }
-      moved_[target] = values[node];
+      moved_[target] = values[node] - beyond;
     }
     return moved_;
   }
@@ -110,6 +119,7 @@ public:
 private:
   std::vector<std::size_t> cells_;  ///< of x first
   std::vector<std::size_t> by_;     ///< whole cells, for each level and direction; none where nothing moves
+  std::vector<double> periods_;     ///< and whole periods beside them
   std::vector<std::string> names_;  ///< of the fields, in the order of rows and columns of turn_
   std::vector<double> turn_;
   std::vector<double> moved_;
@@ -141,12 +151,14 @@ public:
     const record::DatasetInfo info = shape_of(field.path);
     Map map({.name = field.name, .group = group_, .starts_late = field.at_midpoints, .is_first = field.path == first_},
             plan_);
-    const std::string exact_path = "/exact/" + field.name;
+    const std::string exact_path = "/exact/" + field.name, jump_path = "/frame/jump/" + field.name;
+    const std::vector<double> jump =
+        group_ == "field" && reader_.has(jump_path) ? reader_.read(jump_path) : std::vector<double>();
     std::vector<std::string> paths = {field.path};
     std::ranges::transform(turned_, std::back_inserter(paths), &Contents::Field::path);
     if (field.at_midpoints || group_ != "field" || !reader_.has(exact_path)) {
       for_each_row(reader_, plan_.times, paths, [&](std::size_t level, const auto& values) {
-        map.add(level, laboratory_(level, turned(level, field, values)));
+        map.add(level, laboratory_(level, turned(level, field, values), jump));
       });
       write(map, info);
       return;
@@ -158,9 +170,9 @@ public:
     for_each_row(reader_, plan_.times, paths, [&](std::size_t level, const auto& values) {
       const std::span<const double> here = turned(level, field, values);
       std::ranges::transform(here, values.back(), difference.begin(), std::minus());
-      map.add(level, laboratory_(level, here));
+      map.add(level, laboratory_(level, here, jump));
       if (draws_exact) {
-        exact.add(level, laboratory_(level, values.back()));
+        exact.add(level, laboratory_(level, values.back(), jump));
       }
       error.add(level, laboratory_(level, difference));
     });

@@ -344,6 +344,14 @@ private:
         {"/frame/shift", "/states/t",
          directions > 1 ? std::vector<std::string>{"/frame/direction"} : std::vector<std::string>(), record::Type::f64,
          "how far the nodes of the frame have moved at the stored levels: x = node + shift"});
+    for (int f = 0; f < lattice_.system().field_count(); ++f) {
+      std::vector<double> jump;
+      std::ranges::transform(frame_->jumps, std::back_inserter(jump), [f](const auto& of_all) { return of_all(f); });
+      if (std::ranges::any_of(jump, [](double value) { return value != 0.0; })) {
+        layout.scales.push_back({"/frame/jump/" + lattice_.system().fields()[static_cast<std::size_t>(f)], jump,
+                                 "how much larger the field is one period farther, for each direction"});
+      }
+    }
     if (frame_->rate != 0.0) {
       layout.scales.push_back({"/frame/row", lattice_.system().fields(), "names of the fields"});
       layout.scales.push_back({"/frame/column", lattice_.system().fields(), "names of the fields"});

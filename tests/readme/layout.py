@@ -55,6 +55,8 @@ RUNS = [
         ["run", "nls", "--set", "scheme.lagrangian=fourier", "--set", "scheme.until=0.02", "--set", "scheme.frame.velocity=1",
          "--set", "scheme.frame.phase.charge=0.5"],
         ["run", "kdv", "--set", "scheme.until=0.02", "--set", "scheme.step=0.01"],
+        ["run", "sine-gordon-kink", "--set", "scheme.lagrangian=fourier", "--set", "scheme.until=0.1",
+         "--set", "scheme.frame.velocity=c"],
         ["run", "sine-gordon-2d", "--set", "grid.x.cells=15", "--set", "grid.y.cells=15", "--set", "scheme.until=0.2"]]),
     ("Ensembles", [["scan", "pendulum", "initial.p=0.5:1:3", "--set", "scheme.until=1", "--set", "output.interval=0.5"],
                    ["scan", "orbit.toml", "initial.p=0.5:1:2"]]),
@@ -74,6 +76,7 @@ RULES = [
     (r"^/grid/[yz](.*)$", r"/grid/x\1", None, None),
     (r"^/checkpoint/.*$", "", None, None),
     (r"^/frame/(row|column)$", r"/frame/\1", None, None),
+    (r"^/frame/jump/\w+$", "/frame/jump/FIELD", None, None),
 ]
 ORBITS = {"/states/q", "/states/p", "/states/previous/q", "/states/previous/p", "/output/q", "/output/p"}
 #: Scales are linked into every group that needs them; they are listed where they come first here.

@@ -6,11 +6,13 @@
 #include <cmath>
 #include <iterator>
 #include <memory>
+#include <numbers>
 #include <string>
 #include <vector>
 
 #include <fmt/format.h>
 
+#include <rubato/grids/reductions.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/report/page.hpp>
@@ -383,6 +385,96 @@ TEST_CASE("the phase of a complex unknown needs no symmetry that the problem sta
                          {})) == std::vector<std::string>{"turn"});
 }
 
+/// The catalogue's kink alone on a ring, which its frame holds at rest.
+const Settings lone_kink = {"scheme.lagrangian=fourier", "scheme.step=0.1", "scheme.until=8"};
+constexpr const char* with_the_kink = "scheme.frame.velocity=c";
+
+TEST_CASE("a kink that rests in its frame jumps there as in the laboratory, and has no error of the step") {
+  const double laboratory = error_of("sine-gordon-kink", lone_kink);
+  CHECK(laboratory > 1e-4);
+  // What is left is that of 151 nodes, and of the elliptic function.
+  CHECK(error_of("sine-gordon-kink", joined(lone_kink, {with_the_kink})) < 1e-9);
+  // Twins: the other way round, and the unchanged equation at the moving nodes.
+  CHECK(error_of("sine-gordon-kink", joined(lone_kink, {"scheme.frame.velocity=-c"})) > laboratory);
+  const Problem fitted = read_problem("sine-gordon-kink", joined(lone_kink, {"scheme.frame.velocity=fit"}));
+  CHECK(fitted.scheme.frame->velocity->front() == Approx(0.5).margin(1e-4));
+}
+
+TEST_CASE("of a field that jumps in a frame, output, laws and pages are of the laboratory") {
+  const Folder folder;
+  const std::string file = folder / "kink.h5";
+  // To t = 40 the kink goes round the ring of length 8.4 more than once, and u falls by 2 pi where it has passed.
+  const Settings settings =
+      joined(lone_kink, {with_the_kink, "scheme.until=40", "output.times=[8, 23, 40]",
+                         "output.quantities={ error = \"u - (pi + 2*am(g*(x - c*t)/sqrt(m), m))\", "
+                         "unmoved = \"u - (pi + 2*am(g*x/sqrt(m), m))\", slope = \"dx(u) - w\", "
+                         "all = \"integral(w)/(2*pi)\", sum = \"integral(u)\" }"});
+  const Outcome outcome = run(read_problem("sine-gordon-kink", settings), {.output = file, .threads = 1});
+  REQUIRE(outcome.status == ExitStatus::done);
+  const auto largest = [&](const char* path) { return grids::max_abs(record::Reader(file).read(path)); };
+  CHECK(largest("/output/quantities/error") < 1e-8);
+  CHECK(largest("/output/quantities/unmoved") > 6.0);  // the twin
+  CHECK(largest("/output/quantities/slope") < 1e-8);
+  for (const double charge : record::Reader(file).read("/output/quantities/all")) {
+    CHECK(charge == Approx(1.0).margin(1e-12));
+  }
+  // ∫u over the ring falls by 2 pi c in a unit of time.
+  const std::vector<double> sum = record::Reader(file).read("/output/quantities/sum");
+  CHECK(sum[2] - sum[0] == Approx(-2.0 * std::numbers::pi * 0.5 * 32.0).epsilon(1e-12));
+
+  CHECK(check(file).status == ExitStatus::done);
+
+  // The energy of the frame is H + cP with that of the whole field.
+  const Outcome plain = run(read_problem("sine-gordon-kink", lone_kink), {.output = folder / "plain.h5"});
+  const auto value_of = [](const auto& list, const char* name) {
+    const auto found = std::ranges::find_if(list, [&](const auto& one) { return one.name == name; });
+    REQUIRE(found != list.end());
+    return found->value.initial;
+  };
+  const double energy = plain.statistics.node_energy.initial, momentum = value_of(plain.statistics.totals, "momentum");
+  CHECK(value_of(outcome.statistics.invariants, "laboratory_energy") == Approx(energy).epsilon(1e-12));
+  CHECK(value_of(outcome.statistics.totals, "momentum") == Approx(momentum).epsilon(1e-12));
+  CHECK(outcome.statistics.node_energy.initial == Approx(energy + 0.5 * momentum).epsilon(1e-12));
+  CHECK(std::abs(momentum) > 0.1);
+
+  const auto codes = [&](const Settings& more) {
+    const std::string drawn = folder / "drawn.h5";
+    static_cast<void>(run(
+        read_problem("sine-gordon-kink", joined(lone_kink, joined({"scheme.until=20", "scheme.levels=fixed"}, more))),
+        {.output = drawn, .overwrite = true, .threads = 1}));
+    return sample::numbers_after(report::page(record::Reader(drawn)),
+                                 {R"("maps":)", R"("name":"u","group":"field")", R"("values":)"});
+  };
+  const std::vector<double> resting = codes({}), moving = codes({with_the_kink});
+  // Nodes are shown at the nearest one, half a spacing of 0.056 off, where u rises by 2.3 a unit: 0.064 of a range of
+  // 13.8, in codes to 65,535.
+  CHECK(largest_distance(resting, moving) < 600.0);
+}
+
+TEST_CASE("a run of a kink in its frame is resumed to the same bits, and begins others") {
+  const Folder folder;
+  const Settings settings = joined(lone_kink, {with_the_kink, "scheme.levels=variable"});
+  const auto make = [&](const char* name, const Settings& more) {
+    return run(read_problem("sine-gordon-kink", joined(settings, more)), {.output = folder / name, .threads = 1})
+        .status;
+  };
+  REQUIRE(make("whole.h5", {}) == ExitStatus::done);
+  REQUIRE(make("part.h5", {"scheme.until=4"}) == ExitStatus::done);
+  static_cast<void>(resume(folder / "part.h5", 8.0));
+  const auto states = [&](const char* name) { return record::Reader(folder / name).read("/states/u"); };
+  CHECK(states("whole.h5") == states("part.h5"));
+
+  // In the laboratory again, from t = 8: the error is that of its own short steps, not 2 pi at the nodes passed.
+  const std::string next = folder / "next.h5";
+  const Outcome outcome =
+      run(read_problem("sine-gordon-kink",
+                       joined(lone_kink, {"-initial.u", "-initial.v", "initial.from=" + (folder / "whole.h5"),
+                                          "scheme.step=0.001", "scheme.until=8.01", "scheme.stages=2"})),
+          {.output = next, .threads = 1});
+  REQUIRE(outcome.status == ExitStatus::done);
+  CHECK(outcome.statistics.errors.front().value.largest() < 1e-7);
+}
+
 TEST_CASE("the page of a run in a frame is of the laboratory") {
   const Folder folder;
   const auto page_of = [&](const Settings& more) {
@@ -444,5 +536,37 @@ TEST_CASE("a frame that cannot be is refused, with place and remedy") {
   CHECK_THAT(message("sine-gordon-2d", {"scheme.frame.velocity=1"}), Contains("such as [1, 0]"));
   CHECK_THAT(message("trapped-condensate", {"scheme.frame.velocity=1"}), Contains("S names x"));
   CHECK_THAT(message("pendulum", {"scheme.frame.velocity=1"}), Contains("frame is for lattices"));
+  // Waves of which S names no value: they may jump, and turn into each other, but not both.
+  const auto refusal = [](const Settings& settings) {
+    constexpr const char* two_waves = R"toml(
+[multisymplectic]
+fields = ["a", "b", "a_t", "b_t", "a_x", "b_x"]
+M = [["a", "a_t", -1], ["b", "b_t", -1]]
+K.x = [["a", "a_x", 1], ["b", "b_x", 1]]
+S = "(a_t^2 + b_t^2 - a_x^2 - b_x^2)/2"
+[symmetries]
+turn = [["a", "b", 1], ["b", "a", -1], ["a_t", "b_t", 1], ["b_t", "a_t", -1], ["a_x", "b_x", 1], ["b_x", "a_x", -1]]
+[grid]
+x = { from = 0, to = 6, cells = 31 }
+[initial]
+a = "x/6"
+b = 0
+a_t = 0
+b_t = 0
+[scheme]
+lagrangian = "fourier"
+step = 0.1
+until = 1
+)toml";
+    try {
+      static_cast<void>(parse_problem(two_waves, "waves.toml", settings));
+    } catch (const ProblemError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  CHECK_THAT(refusal({"grid.x.jump.a=1", "scheme.frame={ phase = { turn = 0.1 } }"}),
+             Contains("turn turns the field a, which jumps"));
+  CHECK(refusal({"grid.x.jump.a=1", "scheme.frame.velocity=0.1"}).empty());
   CHECK(message("kdv", {"scheme.frame.velocity=1"}).empty());
 }
