@@ -48,23 +48,18 @@ std::vector<int> independent_rows(const Eigen::MatrixXcd& basis, const std::vect
   return chosen;
 }
 
-KernelConditions step_conditions(const MultisymplecticSystem& system, double h) {
-  const Index d = system.field_count();
-  const MatrixXd identity = MatrixXd::Identity(d, d);
-  const double theta = 2.0 / h;
-  const MatrixXd kernel = common_null_space(system, theta, identity, identity);
-  KernelConditions conditions;
-  conditions.columns = common_null_space(system, -theta, identity, identity);  // (θM - S'')ᵀ = -θM - S''
-  conditions.left = conditions.columns;
-  conditions.kernel = kernel;
-  conditions.pins = MatrixXd::Zero(kernel.cols(), d);
+namespace {
+
+/// The means of fields that hold vectors of this kernel, of potentials first.
+MatrixXd pins_of(const MultisymplecticSystem& system, const MatrixXd& kernel) {
+  MatrixXd pins = MatrixXd::Zero(kernel.cols(), kernel.rows());
   if (kernel.cols() == 0) {
-    return conditions;
+    return pins;
   }
   const FieldStructure& structure = system.structure();
   std::vector<int> order;
   for (const bool potentials : {true, false}) {
-    for (int f = 0; f < d; ++f) {
+    for (int f = 0; f < system.field_count(); ++f) {
       if ((structure.potential[static_cast<std::size_t>(f)] && !structure.at_midpoints(f)) == potentials) {
         order.push_back(f);
       }
@@ -72,8 +67,42 @@ KernelConditions step_conditions(const MultisymplecticSystem& system, double h) 
   }
   const auto pinned = independent_rows(kernel.cast<std::complex<double>>(), order);
   for (std::size_t b = 0; b < pinned.size(); ++b) {
-    conditions.pins(static_cast<Index>(b), pinned[b]) = 1.0;
+    pins(static_cast<Index>(b), pinned[b]) = 1.0;
   }
+  return pins;
+}
+
+/// The dimension of the kernel of θM - S'' at a random z.
+Index generic_nullity(const MultisymplecticSystem& system, double theta) {
+  std::mt19937_64 random(30);
+  return null_space(MatrixXd(theta * system.M() - generic_hessian(system, random))).cols();
+}
+
+}  // namespace
+
+KernelConditions step_conditions(const MultisymplecticSystem& system, double h) {
+  const Index d = system.field_count();
+  const MatrixXd identity = MatrixXd::Identity(d, d);
+  const double theta = 2.0 / h;
+  KernelConditions conditions;
+  conditions.kernel = common_null_space(system, theta, identity, identity);
+  conditions.columns = common_null_space(system, -theta, identity, identity);  // (θM - S'')ᵀ = -θM - S''
+  conditions.left = conditions.columns;
+  conditions.pins = pins_of(system, conditions.kernel);
+  return conditions;
+}
+
+KernelConditions wave_conditions(const MultisymplecticSystem& system, const MatrixXd& L, double h) {
+  const double theta = 2.0 / h;
+  KernelConditions conditions = step_conditions(system, h);
+  const MatrixXd kernel = null_space(MatrixXd(theta * system.M() - L));
+  if (kernel.cols() == conditions.count() || kernel.cols() != generic_nullity(system, theta)) {
+    return conditions;
+  }
+  conditions.kernel = kernel;
+  conditions.columns = null_space(MatrixXd(-theta * system.M() - L));
+  conditions.left = conditions.columns;
+  conditions.pins = pins_of(system, kernel);
   return conditions;
 }
 

@@ -11,6 +11,11 @@ namespace rubato {
 /// "Traps"). The mean of each potential involved is held; the columns span the left kernel.
 [[nodiscard]] KernelConditions step_conditions(const MultisymplecticSystem& system, double h);
 
+/// The same of θM - L, L symmetric and a value of S''. Its kernel may be larger: where θM - S''(z) is singular at every
+/// z though no constant vector is mapped to 0, as where a force of place and time drives a potential, all of that
+/// kernel counts. Where L is singular by chance, it does not: no condition mends that.
+[[nodiscard]] KernelConditions wave_conditions(const MultisymplecticSystem& system, const Eigen::MatrixXd& L, double h);
+
 /// Finds the waves on which the linear part μM + D - L, D = Σ_a ik_a K_a, may be singular for every μ: those on which D
 /// maps the kernel of θM - L into its image under M. Where D = sM there, the matrix is that of the constant, at μ + s:
 /// s = 0 where no derivative sees the kernel, and -i c·k in a frame of velocity c.

@@ -199,7 +199,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   const MatrixXcd M = system.M().cast<Complex>();
   degree_ = static_cast<int>(rank(M));  // even, so that the number of points is odd
   const int points = degree_ + 1;
-  const KernelConditions conditions = step_conditions(system, 2.0 / radius);
+  const KernelConditions conditions = wave_conditions(system, L, 2.0 / radius);
   const KernelWaves kernel_waves(system.M(), conditions.kernel);
   const auto d = static_cast<Index>(fields_);
   has_mirror_ = conditions.count() == 0;

@@ -25,7 +25,7 @@ namespace rubato {
 /// A_rc(μ) = conj A_cr(-μ̄), where no condition borders P.
 ///
 /// Where P is singular for every μ (on the constant, and where else no derivative sees it: KdV, BBM, … in potential
-/// form), the solution meant is that in which the mean of each potential involved is 0 (step_conditions), and a right
+/// form), the solution meant is that in which the mean of each potential involved is 0 (wave_conditions), and a right
 /// side off the range of P counts as its projection.
 class WaveResolvent {
 public:

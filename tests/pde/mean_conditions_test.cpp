@@ -10,6 +10,7 @@
 
 #include <rubato/pde/field_system.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/mean_conditions.hpp>
 
 #include "equations.hpp"
@@ -115,4 +116,27 @@ TEST_CASE("equations whose means move, or say nothing, have no conditions on the
   CHECK(has_any(of("u_xt = sin(u)")));
   CHECK(has_any(of("u_xt + u_x^2 + u*u_xx + u_xxxx = u")));
   CHECK(has_any(of("u_xt + 6*u_x^2 + 6*u*u_xx + u_xxxx + 3*u_yy = 0", 2)));
+}
+
+TEST_CASE("a kernel that varies with z is held by as many means as it has vectors") {
+  // The potential form of Korteweg and de Vries, with S = … + φ f(t). Of θM - S'' the row of t is θ de - f' dφ - f'' φ
+  // dt and that of e is -θ dt: with dφ, and its dw = θ/2 dφ, there goes de = f'/θ dφ, at every z.
+  const auto system = [](const std::string& S) {
+    return make_system({"phi", "u", "v", "w", "t", "e"}, {{"phi", "u", 0.5}, {"t", "e", -1}},
+                       {{{"phi", "w", 1}, {"u", "v", -1}}}, "e + v^2/2 - u*w + u^3 + " + S);
+  };
+  constexpr double h = 0.1;
+  Eigen::MatrixXd L = Eigen::MatrixXd::Zero(6, 6);  // S'' at φ = u = t = 0
+  L(1, 3) = L(3, 1) = -1.0;
+  L(2, 2) = 1.0;
+  const MultisymplecticSystem driven = system("phi*t^2");
+  CHECK(step_conditions(driven, h).count() == 0);
+  const KernelConditions conditions = wave_conditions(driven, L, h);
+  REQUIRE(conditions.count() == 1);
+  Eigen::RowVectorXd of_phi = Eigen::RowVectorXd::Zero(6);
+  of_phi[0] = 1.0;
+  CHECK(conditions.pins.row(0) == of_phi);
+  CHECK(((2.0 / h * driven.M() - L) * conditions.kernel).norm() < 1e-13);
+  // The twin: S'' that is singular at φ = t = 0 alone.
+  CHECK(wave_conditions(system("phi^2*(1 + t^2)*t^2"), L, h).count() == 0);
 }

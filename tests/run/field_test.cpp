@@ -577,12 +577,13 @@ TEST_CASE("forces of place and time drive a field that has a potential, with the
       {"(0.3*(1 - cos(x)))_x", [](double x, double t) { return 0.3 * (std::cos(x - t) - std::cos(x)); }}};
   constexpr double mean = 0.2;
   const Folder folder;
-  const auto error = [&](const Forced& one, double step, double sign) {
+  const auto error = [&](const Forced& one, double step, double sign, int stages = 1) {
     const std::string file = folder / "forced.h5";
     const std::string text = fmt::format(
         "[field]\nequation = \"u_t + u_x = {}\"\n[grid]\nx = {{ from = 0, to = \"2*pi\", cells = 33 }}\n"
-        "[initial]\nu = {}\n[scheme]\nlagrangian = \"fourier\"\nlevels = \"fixed\"\nstep = {}\nuntil = 1\n",
-        one.force, mean, step);
+        "[initial]\nu = {}\n[scheme]\nlagrangian = \"fourier\"\nstages = {}\nlevels = \"fixed\"\nstep = {}\nuntil = "
+        "1\n",
+        one.force, mean, stages, step);
     REQUIRE(run(parse_problem(text, "forced"), {.output = file, .overwrite = true, .threads = 1}).status ==
             ExitStatus::done);
     CHECK(check(file).status == ExitStatus::done);
@@ -600,6 +601,7 @@ TEST_CASE("forces of place and time drive a field that has a potential, with the
     CHECK(std::log2(coarse / middle) == Approx(2.0).margin(0.1));
     CHECK(std::log2(middle / fine) == Approx(2.0).margin(0.1));
     CHECK(error(one, 0.025, -1.0) > 0.1);  // the force with the other sign
+    CHECK(std::log2(error(one, 0.1, 1.0, 2) / error(one, 0.05, 1.0, 2)) == Approx(4.0).margin(0.2));
   }
 }
 
