@@ -84,7 +84,9 @@ protected:
     if (at_corners_) {
       return (*at_corners_)(fields, level_.slopes);
     }
-    return sweep_(point_of(fields), level_.slopes, {}, 0.0, {}, {}).energy;
+    const double energy = sweep_(point_of(fields), level_.slopes, {}, 0.0, {}, {}).energy;
+    sweep_.give_back();
+    return energy;
   }
 
   /// After a trial that succeeded.
@@ -121,10 +123,10 @@ protected:
     append_level();
     grids::save_whole(state, level_.fields);
     save_slopes(state, level_.slopes, grid_);
-    for (const double value :
-         {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
-          (here_ ? known_here : 0.0) + (more ? more_follows : 0.0) + (size_is_short_ ? short_period : 0.0),
-          here_.value_or(0.0)}) {
+    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
+                               (here_ ? known_here : 0.0) + (more ? more_follows : 0.0) +
+                                   (size_is_short_ ? short_period : 0.0) + cancelled_follows,
+                               here_.value_or(0.0), size_of_energy_.cancelled}) {
       state.write(value);
     }
   }
@@ -138,6 +140,7 @@ protected:
     const auto flags = static_cast<unsigned>(state.read());
     const auto take = [flags](double flag) { return (flags & static_cast<unsigned>(flag)) != 0; };
     const double here = state.read();
+    size_of_energy_.cancelled = take(cancelled_follows) ? state.read() : 0.0;
     start_level();
     if (take(known_here)) {
       here_ = here;
@@ -153,7 +156,7 @@ protected:
 
 private:
   /// Flags of a saved level.
-  static constexpr double known_here = 1.0, more_follows = 2.0, short_period = 4.0;
+  static constexpr double known_here = 1.0, more_follows = 2.0, short_period = 4.0, cancelled_follows = 8.0;
   /// A sum over stages, each with transforms of its own, rounds more than one sweep over the cells of a level.
   static constexpr double stage_rounding = 4.0;
 

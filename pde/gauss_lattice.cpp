@@ -41,9 +41,14 @@ public:
         slab_(std::make_shared<GaussStep>(system, grid, stages, level_, space)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
-        forecast_(slab_->make_forecast()) {}
+        forecast_(slab_->make_forecast()),
+        is_midpoint_(stages == 1 && space.spectral()) {
+    if (is_midpoint_) {
+      slab_->take_no_stages();
+    }
+  }
 
-  [[nodiscard]] std::shared_ptr<StageSource> stages() override { return slab_; }
+  [[nodiscard]] std::shared_ptr<StageSource> stages() override { return is_midpoint_ ? nullptr : slab_; }
   [[nodiscard]] int order() const override { return 2 * stages_; }
   [[nodiscard]] bool solves_fully() const override { return true; }
 
@@ -128,6 +133,7 @@ private:
   std::vector<double> largest_;  ///< of |δ| of each field so far
   int stages_;
   RestForecast forecast_;
+  bool is_midpoint_;               ///< laws of whose steps two levels give: no stages are kept for them
   std::uint64_t stamp_ = nowhere;  ///< of the slab, where it stands at this level
 };
 

@@ -104,9 +104,6 @@ public:
   [[nodiscard]] double energy();           ///< E_k
   [[nodiscard]] double energy_at_end();    ///< 𝓔 of the level it leads to
   void increment(grids::FieldSet& delta);  ///< z_{k+1} - z_k; of fields at midpoints twice their value there
-  /// Of one stage at nodes: Σ ΔV vᵀ(Σ_a K_a D_a v - S'' v) of v = z_{k+1} - z_k, fields at midpoints left out, which is
-  /// 4 h dE_k/dh, as SweepResult::quadratic is.
-  [[nodiscard]] double quadratic_form();
   ///@}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override;
@@ -169,7 +166,7 @@ private:
   void solve_on_waves(const RightSide& right_side, WaveRows& x);
   void end_rows();
   const WaveRows& change_of_levels();
-  [[nodiscard]] double wave_energy(const WaveRows& rows, std::span<const double> weights, bool alone = false) const;
+  [[nodiscard]] double wave_energy(const WaveRows& rows, std::span<const double> weights) const;
   void subtract_middle(std::span<const double* const> of);
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }

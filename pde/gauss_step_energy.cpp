@@ -13,9 +13,8 @@
 
 namespace rubato {
 
-/// Σ_i w_i of the quadratic and linear terms of the waves at the level and row f·stages + i of each field; or of the
-/// quadratic ones of the rows alone.
-double GaussStep::wave_energy(const WaveRows& rows, std::span<const double> weights, bool alone) const {
+/// Σ_i w_i of the quadratic and linear terms of the waves at the level and row f·stages + i of each field.
+double GaussStep::wave_energy(const WaveRows& rows, std::span<const double> weights) const {
   const auto stages = static_cast<int>(weights.size());
   const grids::ReductionBlocks pieces(rows.waves());
   std::array<double, grids::ReductionBlocks::most> partial;  // each is set below, and most are never used
@@ -28,11 +27,6 @@ double GaussStep::wave_energy(const WaveRows& rows, std::span<const double> weig
       const auto load = [&](int f, int stage, WaveBlock& to) {
         const double* re = rows.re.field(f * stages + stage).data() + first;
         const double* im = rows.im.field(f * stages + stage).data() + first;
-        if (alone) {
-          std::copy_n(re, count, to.re);
-          std::copy_n(im, count, to.im);
-          return;
-        }
         const double* level_re = level_.re.field(f).data() + first;
         const double* level_im = level_.im.field(f).data() + first;
         add_pair(level_re, re, count, to.re);
@@ -52,7 +46,7 @@ double GaussStep::wave_energy(const WaveRows& rows, std::span<const double> weig
             load(term.row, i, left);
             load(term.column, i, right);
             add_cross(weight * term.value, k, left.re, left.im, right.re, right.im, count, terms.data());
-            for (std::size_t w = 0; !alone && a == 0 && slopes_.rows() > 0 && w < count; ++w) {
+            for (std::size_t w = 0; a == 0 && slopes_.rows() > 0 && w < count; ++w) {
               terms[w] += weight * term.value *
                           (slopes_.re.field(term.row)[first + w] * right.re[w] +
                            slopes_.im.field(term.row)[first + w] * right.im[w]);
@@ -70,7 +64,7 @@ double GaussStep::wave_energy(const WaveRows& rows, std::span<const double> weig
   for (std::size_t b = 0; b < pieces.blocks; ++b) {
     sum.add(partial[b]);
   }
-  for (int f = 0; !alone && f < d_; ++f) {
+  for (int f = 0; f < d_; ++f) {
     for (int i = 0; linear_[f] != 0.0 && has_mean() && i < stages; ++i) {
       sum.add(weights[static_cast<std::size_t>(i)] * linear_[f] *
               (level_.re.field(f)[0] + rows.re.field(f * stages + i)[0]));
@@ -161,31 +155,6 @@ double GaussStep::energy_at_end() {
     energy += rest_energy(std::as_const(end).pointers());
   }
   return energy;
-}
-
-double GaussStep::quadratic_form() {
-  const double form = -2.0 * wave_energy(change_of_levels(), std::array{1.0}, true);
-  if (F_.empty()) {
-    return form;
-  }
-  compile_curvature();
-  evaluate_curvature(point_);
-  const auto out = work_.field(0);
-  std::ranges::fill(out, 0.0);
-  const int n = static_cast<int>(F_.size());
-  for (int f = 0; f < n; ++f) {
-    for (int g = 0; g < n; ++g) {
-      if (at_midpoints_[static_cast<std::size_t>(F_[f])] || at_midpoints_[static_cast<std::size_t>(F_[g])]) {
-        continue;
-      }
-      const auto entry = std::as_const(curvature_).field(f * n + g);
-      const auto y = std::as_const(y_).field(f), other = std::as_const(y_).field(g);  // half of what they change by
-      for (std::size_t x = 0; x < out.size(); ++x) {
-        out[x] += 4.0 * entry[x] * y[x] * other[x];
-      }
-    }
-  }
-  return form - grid_.cell_volume() * grids::sum(std::as_const(work_).field(0));
 }
 
 void GaussStep::increment(grids::FieldSet& delta) {

@@ -10,6 +10,7 @@
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/space_collocation.hpp>
 #include <rubato/pde/stage_source.hpp>
+#include <rubato/pde/wall_drives.hpp>
 #include <rubato/variation/level_scheme.hpp>
 #include <rubato/variation/tuning.hpp>
 
@@ -69,38 +70,39 @@ public:
 /// the last, below what the level equation can make use of. One correction does for most trials of a regular step, and
 /// its energy follows without another sweep. Fields in ker M have no increment of their own: multipliers are solved for
 /// at the midpoint only. States are summed with compensation. Results do not depend on the number of threads.
-/// \throws std::invalid_argument for an even number of cells in some direction, where the averages annihilate the
-/// sawtooth (-1)^i; if the dimensions of grid and system differ; if the first level's fields or S there are not finite
+///
+/// On a line between walls any number of cells will do: its rows are closed by WallConditions. No energy passes a wall
+/// that is fixed or free, and the law of levels holds as on a ring. `drives`, if any, are what walls give; levels are
+/// fixed then, and energies are less their work.
+///
+/// \throws SchemeRefusal as WallConditions, or for potentials that a frame moves
+/// \throws std::invalid_argument on a ring for an even number of cells in some direction, where the averages annihilate
+/// the sawtooth (-1)^i; if the dimensions of grid and system differ; if the first level's fields or S there are not
+/// finite
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system,
                                                              const grids::Grid& grid, LatticeLevel first,
-                                                             double first_step);
+                                                             double first_step,
+                                                             const std::shared_ptr<const WallDrives>& drives = nullptr);
 
 /// How many fields a step of length h of the box scheme solves for; the others follow node by node.
 [[nodiscard]] int box_unknowns(const MultisymplecticSystem& system, double h);
 
-/// The Fourier scheme (theory, section 5): spectral differentiation ∂ in space at the midpoint in time,
-///
-///     M δ_t z + Σ_a K_a ∂_a z̄ = ∇S(z̄)  at every node,      E_k = Σ ΔV [S(z̄) + Σ_a (∂_a z̄)ᵀK₊z̄].
-///
-/// Spectrally accurate in space, order 2 in time. Any number of cells: on even ones ∂ annihilates the Nyquist mode, on
-/// which the step's matrix then has the kernel that it has on the constant; it is held there too (StillWaves), and the
-/// first level has no Nyquist mode where a potential cannot. The step is one of Gauss collocation with one stage,
-/// solved wave by wave as those are (GaussStep); where that fails by Newton's method, its linear systems in Fourier
-/// space, with GMRES where S'' varies much. \throws std::invalid_argument as make_box_scheme, but for the number of
-/// cells; `first` from initial_level() with Collocation::nodes
-[[nodiscard]] std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system,
-                                                                 const grids::Grid& grid, LatticeLevel first,
-                                                                 double first_step);
+/// The rates at its start, for which a short step forward and one back stand; empty where these fail.
+[[nodiscard]] LevelHistory box_start(const MultisymplecticSystem& system, const grids::Grid& grid,
+                                     const LatticeLevel& first, double first_step,
+                                     const std::shared_ptr<const WallDrives>& drives = nullptr);
 
-/// The rates at the start of both, for which a short step forward and one back stand; empty where these fail.
-[[nodiscard]] LevelHistory midpoint_start(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                          Collocation collocation, const LatticeLevel& first, double first_step);
-
-/// Gauss collocation of order 2·stages in time (GaussStep; theory, section 8.3), in space as the Fourier scheme or,
-/// with a Gauss rule, as the box: E_k is the Hamiltonian that generates the family of maps in h. No node law in closed
-/// form, so that where the level equation has no solution a step potential has to help. \throws std::invalid_argument
-/// if the dimensions of grid and system differ, stages are not 1 … 8, S is not finite at the first level, or as
-/// SpaceCollocation
+/// Gauss collocation of order 2·stages in time (GaussStep; theory, section 8.3), in space with spectral derivatives ∂
+/// or, with a Gauss rule, as the box: E_k is the Hamiltonian that generates the family of maps in h. With one stage and
+/// spectral derivatives it is the midpoint rule of fourier_action(),
+///
+///     M δ_t z + Σ_a K_a ∂_a z̄ = ∇S(z̄)  at every node,      E_k = Σ ΔV [S(z̄) + Σ_a (∂_a z̄)ᵀK₊z̄],
+///
+/// and two levels are all that its laws need. Any number of cells: on even ones ∂ annihilates the Nyquist mode, on
+/// which the step's matrix then has the kernel that it has on the constant; it is held there too (WaveResolvent), and
+/// the first level has no Nyquist mode where a potential cannot. There is no Γ at levels, so that where the level
+/// equation has no solution a step potential has to help. \throws std::invalid_argument if the dimensions of grid and
+/// system differ, stages are not 1 … 8, S is not finite at the first level, or as SpaceCollocation
 [[nodiscard]] std::unique_ptr<LatticeScheme> make_gauss_lattice(const MultisymplecticSystem& system,
                                                                 const grids::Grid& grid, int stages, LatticeLevel first,
                                                                 SpaceRule space = {});

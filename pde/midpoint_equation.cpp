@@ -14,7 +14,6 @@
 #include <rubato/pde/level_fields.hpp>
 #include <rubato/pde/level_history.hpp>
 #include <rubato/pde/wall_conditions.hpp>
-#include <rubato/pde/walled_box.hpp>
 
 namespace rubato {
 
@@ -23,15 +22,17 @@ namespace {
 class MidpointEquation final : public StepEquation {
 public:
   MidpointEquation(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                   const LatticeLevel& first, double first_step,
-                   const std::shared_ptr<const WallDrives>& drives = nullptr)
+                   const LatticeLevel& first, double first_step, const std::shared_ptr<const WallDrives>& drives)
       : StepEquation(system.field_count(), grid.size()),
         system_(system),
         at_midpoints_(system.structure().at_midpoints()),
         sweep_(system, grid, collocation),
         point_(rows_),
-        delta_(rows_),
-        history_(start_of(grid, collocation, first, first_step, drives)) {
+        delta_(rows_) {
+    if (collocation == Collocation::cells) {
+      history_.emplace(first_step == 0.0 ? LevelHistory(at_midpoints_, grid.size())
+                                         : box_start(system, grid, first, first_step, drives));
+    }
     if (grid.has_walls()) {
       walls_.emplace(system, grid, drives);
     }
@@ -39,15 +40,19 @@ public:
 
   [[nodiscard]] NodeEnergy node(const LatticeLevel& level) override {
     copy_level(level.fields, at_midpoints_, point_);
-    history_.velocity(delta_);
+    if (history_) {
+      history_->velocity(delta_);
+    }
     const SweepResult result = sweep(level.slopes, 0.0, {});
-    return {result.energy, -result.quadratic};
+    return {result.energy, history_ ? -result.quadratic : std::numeric_limits<double>::quiet_NaN()};
   }
 
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     const StepLaw law = measure(before, after, h);
-    history_.record(0.5 * h, h, delta_);
-    history_.advance(h);
+    if (history_) {
+      history_->record(0.5 * h, h, delta_);
+      history_->advance(h);
+    }
     return law;
   }
 
@@ -70,12 +75,6 @@ public:
   }
 
 private:
-  [[nodiscard]] LevelHistory start_of(const grids::Grid& grid, Collocation collocation, const LatticeLevel& first,
-                                      double first_step, const std::shared_ptr<const WallDrives>& drives) const {
-    return first_step == 0.0  ? LevelHistory(at_midpoints_, grid.size())
-           : grid.has_walls() ? walled_box_start(system_, grid, first, first_step, drives)
-                              : midpoint_start(system_, grid, collocation, first, first_step);
-  }
   [[nodiscard]] bool is_at_midpoints(int field) const { return at_midpoints_[static_cast<std::size_t>(field)]; }
 
   /// At point_, with the rates in delta_ but for fields at midpoints, which have none.
@@ -125,21 +124,16 @@ private:
   CellSweep sweep_;
   std::optional<WallConditions> walls_;
   grids::FieldSet point_, delta_;
-  LevelHistory history_;
+  std::optional<LevelHistory> history_;  ///< of the box
 };
 
 }  // namespace
 
 std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                      Collocation collocation, const LatticeLevel& first,
-                                                     double first_step) {
-  return std::make_unique<MidpointEquation>(system, grid, collocation, first, first_step);
-}
-
-std::unique_ptr<StepEquation> make_walled_box_equation(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                       const LatticeLevel& first, double first_step,
-                                                       const std::shared_ptr<const WallDrives>& drives) {
-  return std::make_unique<MidpointEquation>(system, grid, Collocation::cells, first, first_step, drives);
+                                                     double first_step,
+                                                     const std::shared_ptr<const WallDrives>& drives) {
+  return std::make_unique<MidpointEquation>(system, grid, collocation, first, first_step, drives);
 }
 
 }  // namespace rubato

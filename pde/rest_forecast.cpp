@@ -1,6 +1,7 @@
 #include <rubato/pde/rest_forecast.hpp>
 
 #include <algorithm>
+#include <stdexcept>
 #include <utility>
 
 #include <rubato/pde/stage_loops.hpp>
@@ -96,7 +97,11 @@ void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const
 }
 
 void RestForecast::restore(StateReader& state, const grids::Fourier& fourier) {
-  state.read(known_);
+  const double known = state.read();
+  if (!(known >= 0.0 && known <= static_cast<double>(past_.size()))) {
+    throw std::invalid_argument("a saved state has more steps than there are");
+  }
+  known_ = static_cast<int>(known);
   judged_ = state.read() != 0.0;
   reported_ = false;
   state.read(last_h_);

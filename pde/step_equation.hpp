@@ -6,6 +6,7 @@
 #include <rubato/grids/field_set.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/space_collocation.hpp>
+#include <rubato/pde/wall_drives.hpp>
 #include <rubato/variation/level_scheme.hpp>
 
 namespace rubato {
@@ -40,13 +41,15 @@ protected:
   grids::FieldSet rows_;
 };
 
-/// The equation of box and Fourier: R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄) and E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄].
+/// The equation of `box` and `fourier` with one stage, R = M D_t z + Σ_a K_a D_a z̄ - ∇S(z̄), and their energy
+/// E_k = Σ ΔV [S(z̄) + Σ_a (D_a z̄)ᵀK₊z̄].
 ///
-/// Γ at a level comes from the rates of the last steps, as in a run. At `first`, the level that all started from, there
-/// are none, and a short step forward and one back stand for them, hundredths of `first_step` long.
-[[nodiscard]] std::unique_ptr<StepEquation> make_midpoint_equation(const MultisymplecticSystem& system,
-                                                                   const grids::Grid& grid, Collocation collocation,
-                                                                   const LatticeLevel& first, double first_step);
+/// Γ at a level of the box comes from the rates of the last steps, as in a run. At `first`, the level that all started
+/// from, there are none, and a short step forward and one back stand for them, hundredths of `first_step` long. At
+/// nodes there is no Γ at levels. `drives` as in make_box_scheme().
+[[nodiscard]] std::unique_ptr<StepEquation> make_midpoint_equation(
+    const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, const LatticeLevel& first,
+    double first_step, const std::shared_ptr<const WallDrives>& drives = nullptr);
 
 /// Of Gauss collocation: steps are taken again, and the residual is what the level after differs from where its step
 /// leads, divided by h.

@@ -171,16 +171,16 @@ inline constexpr int most_refinements = 5;
 
 }  // namespace rubato::tuning::krylov
 
-/// The velocity at the start (midpoint_lattice.cpp).
-namespace rubato::tuning::midpoint_start {
+/// The velocity at the start (box_lattice.cpp).
+namespace rubato::tuning::box_start {
 
 /// Length of the two short steps, relative to the first step.
 inline constexpr double start_ratio = 1e-2;
 
-}  // namespace rubato::tuning::midpoint_start
+}  // namespace rubato::tuning::box_start
 
-/// Levels of the midpoint schemes (midpoint_lattice.cpp).
-namespace rubato::tuning::midpoint_lattice {
+/// Levels of the box scheme (box_lattice.cpp).
+namespace rubato::tuning::box_lattice {
 
 inline constexpr int most_iterations = 20;
 /// Corrections after which a linear solve that went wrong is thought of; a regular step takes 2 to 4.
@@ -198,7 +198,7 @@ inline constexpr double solved = 64.0 * epsilon;
 /// Beside the correction before it, one that is as large as this mends nothing: Newton's method squares them.
 inline constexpr double stall = 0.25;
 
-}  // namespace rubato::tuning::midpoint_lattice
+}  // namespace rubato::tuning::box_lattice
 
 /// Laws at nodes (node_laws.cpp).
 namespace rubato::tuning::node_laws {

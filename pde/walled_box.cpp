@@ -42,14 +42,14 @@ public:
       throw SchemeRefusal(
           "box between walls cannot hold the potential of this equation: leave left and right out of [grid]");
     }
-    return make_walled_box_scheme(system, grid, std::move(first), first_step, drives_);
+    return make_box_scheme(system, grid, std::move(first), first_step, drives_);
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     return make_edge_laws(std::move(tables), Collocation::cells);
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return make_walled_box_equation(system, grid, first, first_step, drives_);
+    return make_midpoint_equation(system, grid, Collocation::cells, first, first_step, drives_);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
     return nullptr;

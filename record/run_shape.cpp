@@ -246,8 +246,8 @@ bool is_of_earlier_version(const Reader& reader) {
   return reader.has(earlier_flags) || reader.has("/members/bridges/steps");
 }
 
-void refuse_earlier_version(const Reader& reader) {
-  if (is_of_earlier_version(reader)) {
+void refuse_earlier_version(const Reader& reader, bool is_earlier) {
+  if (is_earlier) {
     throw Error(reader.file(),
                 "an earlier version wrote it, and this one cannot continue its run: run its problem again");
   }

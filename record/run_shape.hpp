@@ -15,7 +15,7 @@ void require_run(const Reader& reader);
 [[nodiscard]] bool is_of_earlier_version(const Reader& reader);
 
 /// \throws Error if the run of the record cannot be continued, since an earlier version wrote it
-void refuse_earlier_version(const Reader& reader);
+void refuse_earlier_version(const Reader& reader, bool is_earlier);
 
 /// Returns the path of the flags of the steps off the law.
 [[nodiscard]] std::string off_law_path(const Reader& reader);

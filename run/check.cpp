@@ -8,12 +8,12 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/record/run_shape.hpp>
 #include <rubato/run/checkpoint_check.hpp>
 #include <rubato/run/lattice_check.hpp>
 #include <rubato/run/lattice_ranks.hpp>
 #include <rubato/run/level_check.hpp>
 #include <rubato/run/orbit_check.hpp>
+#include <rubato/run/recorder.hpp>
 #include <rubato/run/solve.hpp>
 #include <rubato/run/threads.hpp>
 
@@ -79,6 +79,7 @@ private:
     const LatticeLeader* const leader = leader_ ? &*leader_ : nullptr;
     std::optional<ObservedRun> observed;
     make_observed_run(reader_, problem_, leader, observed);
+    is_of_earlier_version_ = has_state_of_earlier_version(reader_, *observed);
     const figures::Names names = names_in(reader_, *observed);
     const CheckpointDisagreements checkpoint = check_checkpoint(reader_, levels, names, *observed, leader, findings_);
     check_levels(reader_, levels, problem_, checkpoint, findings_);
@@ -196,7 +197,7 @@ private:
 
   const record::Reader& reader_;
   CheckOptions options_;
-  bool is_of_earlier_version_ = record::is_of_earlier_version(reader_);
+  bool is_of_earlier_version_ = false;
   Problem problem_;
   const ThreadCount threads_;
   std::optional<LatticeLeader> leader_;  ///< before all that ranks have parts of

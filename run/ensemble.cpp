@@ -584,7 +584,7 @@ EnsembleOutcome run_ensemble(const Problem& problem, const RunOptions& options) 
 EnsembleOutcome resume_ensemble(const std::string& file, const RunOptions& options) {
   record::Claim claim(file, locking_of(options));
   const record::Reader reader(file);
-  record::refuse_earlier_version(reader);
+  record::refuse_earlier_version(reader, record::is_of_earlier_version(reader));
   const Problem problem = stored_ensemble(reader);
   return blame_record(file, [&] { return EnsembleDriver(problem, options, file, &reader).resume(std::move(claim)); });
 }

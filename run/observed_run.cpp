@@ -15,7 +15,7 @@ namespace {
 
 std::string about_gamma(const Problem& problem, const Simulation& simulation) {
   if (!simulation.has_gamma()) {
-    return "not a number: the step law of this scheme is not that of Gamma (theory, section 3)";
+    return "not a number: this scheme has no Gamma at its levels (theory, section 3)";
   }
   return problem.hamiltonian() != nullptr
              ? "Gamma(z_k) (theory, section 3)"

@@ -1,11 +1,15 @@
 #include <rubato/run/recorder.hpp>
 
+#include <cmath>
 #include <exception>
 #include <memory>
 #include <span>
 #include <stdexcept>
+#include <string>
 #include <utility>
 #include <variant>
+
+#include <rubato/record/run_shape.hpp>
 
 namespace rubato {
 
@@ -89,6 +93,15 @@ record::CheckpointInParts make_checkpoint(const ObservedRun& observed, std::func
           .size = size_of_state(observed),
           .hand_over = hand_over,
           .others = [&observed, measures = std::move(measures)] { return others_of(observed, measures()); }};
+}
+
+bool has_state_of_earlier_version(const record::Reader& reader, const ObservedRun& observed) {
+  if (record::is_of_earlier_version(reader)) {
+    return true;
+  }
+  const std::string path = "/levels/gamma";
+  const double gamma = reader.rows(path) > 0 ? reader.read(path, 0, 1).front() : 0.0;
+  return !observed.simulation().has_gamma() && std::isfinite(gamma) && gamma != 0.0;  // 0 where energy has no slope
 }
 
 bool restore(const record::Checkpoint& checkpoint, ObservedRun& observed) {

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <rubato/record/reader.hpp>
 #include <rubato/record/writer.hpp>
 #include <rubato/run/observed_run.hpp>
 #include <rubato/run/row_sink.hpp>
@@ -62,6 +63,10 @@ private:
 /// that share it \param measures those of the verdict, asked for after that
 [[nodiscard]] record::CheckpointInParts make_checkpoint(const ObservedRun& observed, std::function<void()> begin,
                                                         std::function<figures::Measures()> measures);
+
+/// True if an earlier version wrote the record and its checkpoint is another scheme's: it has Γ, which the scheme of
+/// the same name now has not.
+[[nodiscard]] bool has_state_of_earlier_version(const record::Reader& reader, const ObservedRun& observed);
 
 /// Brings a observed to where the checkpoint was made. False, and the observed in no state to be used, if the
 /// checkpoint is not one of its problem.

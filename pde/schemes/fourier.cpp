@@ -10,7 +10,7 @@ namespace rubato {
 
 namespace {
 
-/// One stage is the midpoint rule, with a node law; more are Gauss collocation.
+/// One stage is the midpoint rule, whose laws and equation two levels give; more are of stages.
 class FourierMethod final : public LatticeMethod {
 public:
   explicit FourierMethod(int stages) : stages_(stages) {}
@@ -38,9 +38,8 @@ public:
     return make_constrained_fields(system, grid, Collocation::nodes);
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                      LatticeLevel first, double first_step) const override {
-    return stages_ == 1 ? make_fourier_scheme(system, grid, std::move(first), first_step)
-                        : make_gauss_lattice(system, grid, stages_, std::move(first));
+                                                      LatticeLevel first, double /*first_step*/) const override {
+    return make_gauss_lattice(system, grid, stages_, std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     if (stages_ == 1) {

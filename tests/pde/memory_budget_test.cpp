@@ -126,11 +126,10 @@ TEST_CASE("a node takes no more memory than the arrays that a scheme names") {
       // Data 2, level 5, waves 2, G 1, C 1.5, weights 0.5, propagators of two lengths 4, a transform 1, derivatives 0.
       {.scheme = "splitting", .few = 96, .many = 128, .arrays = 17},
       {.scheme = "splitting", .space = "differences", .few = 96, .many = 128, .arrays = 18.5},
-      // Data 2, level 5 and what it lacks 5, increments and points 10, history of four 20; sweep 10; of the Gauss step:
-      // level 5, base and stages 10, rests and fields at stages 13, resolvent 17, forecast 14, transforms and wave
-      // numbers 6.
-      {.scheme = "fourier", .arrays = 117},
-      // Without history and points, with twice the stages, and with what is left of their equation.
+      // Data 2, level 5 and what it lacks 5, increments 5; of the Gauss step: level 5, base, stages and end 15, rests
+      // and fields at stages 13, resolvent 17, forecast 14, transforms and wave numbers 6.
+      {.scheme = "fourier", .arrays = 87},
+      // With twice the stages, and with what is left of their equation.
       {.scheme = "fourier", .stages = 2, .arrays = 138},
       // Level 4 and what it lacks 4, the one before, increments, points, residuals, corrections 16, history of four 16,
       // Fourier's inverse 9 and its transforms 6, residuals of the solver and Krylov vectors 12.

@@ -1060,8 +1060,8 @@ TEST_CASE("what ranks send for a level of a scheme in Fourier space is transpose
   } else if (scheme == "midpoint") {
     // Of each sweep u there and back; of a step the fields at its start (4) and their increments (4).
     CHECK(fields == 2.0 * (many.sweeps - few.sweeps) / 16.0 + 8.0);
-    // As above, of u in the middle for the laws (2), and of u of the level, and u and b of its rates, for Γ (6).
-    CHECK(derivatives == 16.0);
+    // As above, of u in the middle for the laws (2), and of u, for the energy of the level (2).
+    CHECK(derivatives == 12.0);
   } else {
     // Of each sweep u at two stages, there and back; of a step the fields at its start (4), their increments (4), and
     // at two stages the fields and the rate of u, of the laws (10).

@@ -15,7 +15,6 @@
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/cell_solver.hpp>
-#include <rubato/pde/gauss_step.hpp>
 #include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/level_fields.hpp>
@@ -27,24 +26,22 @@
 #include <rubato/pde/static_condensation.hpp>
 #include <rubato/pde/tuning.hpp>
 #include <rubato/pde/wall_conditions.hpp>
-#include <rubato/pde/walled_box.hpp>
 #include <rubato/solve/small_matrices.hpp>
 
 namespace rubato {
 
 namespace {
 
-using namespace tuning::midpoint_lattice;
-using namespace tuning::midpoint_start;
+using namespace tuning::box_lattice;
+using namespace tuning::box_start;
 
-void check(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-           const LatticeLevel& first) {
+void check(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first) {
   if (system.directions() != grid.dimensions()) {
     throw std::invalid_argument(
         fmt::format("the system has {} space direction(s), the grid {}", system.directions(), grid.dimensions()));
   }
   for (int a = 0; a < grid.dimensions(); ++a) {
-    if (collocation == Collocation::cells && !grid.has_walls() && grids::whole_of(grid).cells(a) % 2 == 0) {
+    if (!grid.has_walls() && grids::whole_of(grid).cells(a) % 2 == 0) {
       throw std::invalid_argument(
           fmt::format("box needs an odd number of cells in every direction, and {} has {}: with an even one the "
                       "average of neighbours annihilates the sawtooth (-1)^i, which the scheme then cannot determine; "
@@ -80,16 +77,15 @@ StaticCondensation condensation_of(const MultisymplecticSystem& system, const Ke
   return conditions.count() > 0 ? StaticCondensation(system, nullptr) : StaticCondensation(system);
 }
 
-/// Box and Fourier: the same midpoint rule in time with another A and D_a.
-class MidpointLattice final : public LatticeScheme {
+class BoxLattice final : public LatticeScheme {
 public:
-  MidpointLattice(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                  LatticeLevel first, double first_step, const std::shared_ptr<const WallDrives>& drives = nullptr)
+  BoxLattice(const MultisymplecticSystem& system, const grids::Grid& grid, LatticeLevel first, double first_step,
+             const std::shared_ptr<const WallDrives>& drives)
       : system_(system),
         grid_(grid),
         level_(std::move(first)),
         at_midpoints_(system.structure().at_midpoints()),
-        sweep_(system, grid, collocation),
+        sweep_(system, grid, Collocation::cells),
         row_rounding_(system, grid),
         low_(system.field_count(), grid.size()),
         point_(system.field_count(), grid.size()),  // no copies: those write, and take memory
@@ -104,8 +100,7 @@ public:
         conditions_(step_conditions(system, first_step)),
         change_known_(conditions_.count() == 0 && std::ranges::find(at_midpoints_, true) == at_midpoints_.end()),
         border_(static_cast<std::size_t>(conditions_.count()) * (grid.size() / grid.cells(0))),
-        condensation_(condensation_of(system, conditions_)),
-        collocation_(collocation) {
+        condensation_(condensation_of(system, conditions_)) {
     for (int a = 0; a < system.directions(); ++a) {
       matrix_.difference.push_back(condensation_.restricted(system.K(a)));
     }
@@ -126,9 +121,6 @@ public:
       walls_.emplace(system, grid, drives);
       change_known_ = change_known_ && !walls_->drives();  // whose work changes the energy, too
     }
-    if (collocation == Collocation::nodes) {
-      waves_ = std::make_unique<Waves>(system, grid, level_);
-    }
     if (!level_sweep({}).finite) {
       throw std::invalid_argument("S is not finite at the initial level");
     }
@@ -140,20 +132,12 @@ public:
   [[nodiscard]] const grids::Grid& grid() const override { return grid_; }
   [[nodiscard]] const LatticeLevel& level() const override { return level_; }
 
-  [[nodiscard]] bool solves_fully() const override { return waves_ != nullptr; }
   [[nodiscard]] Status advance(double h, double accuracy) override {
     if (!std::isfinite(h)) {
       return Status::undefined;
     }
     find_start_velocity();
-    if (waves_ != nullptr && waves_->solved && h == trial_h_) {
-      return Status::success;
-    }
-    if (waves_ != nullptr && solve_on_waves(h, accuracy) == Status::success) {
-      trial_h_ = h;
-      return Status::success;
-    }
-    if (trial_h_ == 0.0 || waves_ != nullptr) {
+    if (trial_h_ == 0.0) {
       history_.predict(h, delta_);
     } else {
       history_.shift(trial_h_, h, delta_);
@@ -167,26 +151,15 @@ public:
   /// It changes slowly, and costs more than a sweep: taken anew now and then.
   [[nodiscard]] formula::SumSize energy_size() override {
     if (size_age_ >= tuning::size_period) {
-      write_increment();
       const grids::FieldSet& point = correction_;  // which no step goes on from
       make_point(trial_h_ == 0.0 ? 0.0 : 0.5, correction_);
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
       EnergyFloor(system_, grid_).raise(size_of_energy_, point.pointers());
-      if (waves_ != nullptr) {
-        forget(correction_);
-      }
       size_age_ = 0;
     }
     return size_of_energy_;
   }
-  [[nodiscard]] double discrete_energy_slope() const override {
-    if (!slope_known_) {
-      slope_ = waves_->slab.quadratic_form() / (4.0 * trial_h_);
-      slope_known_ = true;
-    }
-    return slope_;
-  }
-  [[nodiscard]] bool slope_costs_more() const override { return waves_ != nullptr; }
+  [[nodiscard]] double discrete_energy_slope() const override { return slope_; }
   [[nodiscard]] bool slope_to_leading_order() const override { return true; }
   [[nodiscard]] int iterations() const override { return iterations_; }
   [[nodiscard]] std::optional<double> work() const override {
@@ -211,12 +184,6 @@ public:
   }
 
   void accept() override {
-    write_increment();
-    if (waves_ != nullptr && waves_->solved) {
-      waves_->slab.keep(waves_->forecast);
-    } else if (waves_ != nullptr) {
-      waves_->forecast.forget();
-    }
     history_.record(0.5 * trial_h_, trial_h_, delta_);
     history_.advance(trial_h_);
     contraction_.advance();
@@ -241,10 +208,6 @@ public:
     low_.fill(0.0);
     history_.forget();
     contraction_ = NewtonContraction();
-    if (waves_ != nullptr) {
-      waves_->forecast.forget();
-      waves_->slab.forget_steps();
-    }
     start_tried_ = true;
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto z_0 = level.fields.field(f), z_1 = next.fields.field(f);
@@ -271,14 +234,9 @@ public:
     save_slopes(state, level_.slopes, grid_);
     history_.save(state);
     contraction_.save(state);
-    const double more = waves_ != nullptr ? waves_follow : 0.0;
-    for (const double value :
-         {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_) + more}) {
+    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding,
+                               static_cast<double>(size_age_) + cancelled_follows, size_of_energy_.cancelled}) {
       state.write(value);
-    }
-    if (waves_ != nullptr) {
-      waves_->slab.save(state, waves_->forecast);
-      waves_->slab.save(state);
     }
     if (is_driven()) {
       state.write(std::array{work_, steps_});
@@ -296,13 +254,7 @@ public:
     state.read(size_of_energy_.rounding);
     const double age = state.read();
     size_age_ = static_cast<std::size_t>(age);
-    if (waves_ != nullptr) {
-      waves_->forecast.forget();
-      if (age != static_cast<double>(size_age_)) {  // records of earlier versions are without
-        waves_->slab.restore(state, waves_->forecast);
-        waves_->slab.restore(state);
-      }
-    }
+    size_of_energy_.cancelled = age != static_cast<double>(size_age_) ? state.read() : 0.0;
     if (is_driven()) {
       work_ = state.read();
       steps_ = state.read();
@@ -317,46 +269,14 @@ private:
     if (solver_ != nullptr) {
       solver_->forget();
     }
-    if (waves_ != nullptr) {
-      waves_->stands = waves_->solved = false;
-    }
     trial_h_ = 0.0;
     node_known_ = false;
     iterations_ = 0;
   }
 
-  /// What is added to the age of the energy's size in a record where that of waves_ follows.
-  static constexpr double waves_follow = 0.5;
-
-  /// One stage of Gauss collocation is the midpoint rule: the step by iteration on what S leaves, wave by wave
-  /// (GaussStep), which takes a transform there and one back of the fields that S'' varies with.
-  [[nodiscard]] Status solve_on_waves(double h, double accuracy) {
-    auto& [slab, forecast, stands, solved, reported] = *waves_;
-    if (!std::exchange(stands, true)) {
-      slab.stand(level_.fields, &low_, level_.slopes);
-    }
-    const int counted = slab.iterations();
-    const bool steady = GaussStep::are_near(h, forecast.last_h());
-    slab.begin(forecast, h, solved ? trial_h_ : 0.0);
-    const Status status = slab.solve(h, std::min(accuracy, tuning::loosest_trial), largest_, steady);
-    iterations_ += slab.iterations() - counted;
-    solved = status == Status::success;
-    if (solved) {
-      reported = false;
-      energy_ = slab.energy();
-      slope_known_ = false;
-      solved = std::isfinite(energy_);
-      return solved ? Status::success : Status::undefined;
-    }
-    return status;
-  }
-
-  /// What the trial step changes, of one that was solved on waves.
-  void write_increment() {
-    if (waves_ != nullptr && waves_->solved && !std::exchange(waves_->reported, true)) {
-      waves_->slab.increment(delta_);
-    }
-  }
+  /// What is added to the age of the energy's size in a record where what cancels in it follows: records of earlier
+  /// versions are without.
+  static constexpr double cancelled_follows = 0.5;
 
   /// point = z + scale·δ at every node; fields at midpoints have z = 0.
   void make_point(double scale, grids::FieldSet& to) const {
@@ -415,25 +335,7 @@ private:
     solve_start_velocity();
     iterations_ = counted;
     contraction_ = measured;
-    if (waves_ != nullptr) {
-      forget_newton();
-    } else {
-      solver_->forget();
-    }
-  }
-
-  /// Gives the memory of what solve() takes back: steps on waves need none of it.
-  void forget_newton() {
-    solver_.reset();
-    sweep_.give_back();
-    for (grids::FieldSet* const fields : {&residual_, &correction_, &hessian_, &point_}) {
-      forget(*fields);
-    }
-  }
-  static void forget(grids::FieldSet& fields) {
-    for (int f = 0; f < fields.fields(); ++f) {
-      fields.forget(f);
-    }
+    solver_->forget();
   }
 
   void solve_start_velocity() {
@@ -469,7 +371,7 @@ private:
     const double near = std::max(trial_accuracy * distance * distance * distance, finest_trial);
     const double enough = std::max(std::min(accuracy, near), 0.5 * epsilon);
     if (solver_ == nullptr) {
-      solver_ = make_cell_solver(grid_, collocation_, static_cast<int>(condensation_.free().size()),
+      solver_ = make_cell_solver(grid_, Collocation::cells, static_cast<int>(condensation_.free().size()),
                                  conditions_.count(), newton_tolerance);
     }
     solver_->set_tolerance(std::clamp(0.1 * enough / (expected_correction * distance), 1e-9, 1e-6));
@@ -503,7 +405,6 @@ private:
       work_of_step_ = walls_ ? walls_->work(point_, delta_) : 0.0;
       energy_ = result.energy - (work_ + 0.5 * work_of_step_);
       slope_ = result.quadratic / (4.0 * h);
-      slope_known_ = true;
       // What the corrections report on their error rests on S'' at single points: where it changes fast, a correction
       // is small and mends nothing. A step that may be accepted is therefore looked at once more.
       const bool is_trial = accuracy > 0.0;
@@ -608,7 +509,7 @@ private:
   grids::Grid grid_;
   LatticeLevel level_;
   std::vector<bool> at_midpoints_;
-  mutable CellSweep sweep_;
+  CellSweep sweep_;
   RowRounding row_rounding_;
   grids::FieldSet low_;  ///< the fields are level_.fields + low_
   grids::FieldSet point_, delta_, residual_, correction_, hessian_;
@@ -630,28 +531,11 @@ private:
   double work_ = 0.0, work_of_step_ = 0.0, steps_ = 0.0;  ///< of walls that drive fields
   std::vector<const double*> free_residual_;              ///< of the fields that are solved for
   std::vector<double*> free_correction_;
-  Collocation collocation_;
   std::unique_ptr<CellSolver> solver_;  ///< from when it is needed first
-
-  /// Of solve_on_waves().
-  struct Waves {
-    Waves(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first)
-        : slab(system, grid, 1, first), forecast(slab.make_forecast()) {
-      slab.take_no_stages();
-    }
-
-    GaussStep slab;
-    RestForecast forecast;
-    bool stands = false;    ///< slab, at this level
-    bool solved = false;    ///< the trial
-    bool reported = false;  ///< delta_, of that
-  };
-  std::unique_ptr<Waves> waves_;  ///< at nodes
 
   double trial_h_ = 0.0;  ///< 0: no trial of this level
   double energy_ = 0.0;
-  mutable double slope_ = 0.0;
-  mutable bool slope_known_ = true;  ///< else it is found when it is asked for
+  double slope_ = 0.0;
   int iterations_ = 0;
   std::vector<double> terms_at_start_;  ///< means over the cells of the terms of S
   formula::SumSize size_of_energy_;
@@ -662,14 +546,9 @@ private:
 
 }  // namespace
 
-LevelHistory midpoint_start(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                            const LatticeLevel& first, double first_step) {
-  return MidpointLattice(system, grid, collocation, first, first_step).start();
-}
-
-LevelHistory walled_box_start(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first,
-                              double first_step, const std::shared_ptr<const WallDrives>& drives) {
-  return MidpointLattice(system, grid, Collocation::cells, first, first_step, drives).start();
+LevelHistory box_start(const MultisymplecticSystem& system, const grids::Grid& grid, const LatticeLevel& first,
+                       double first_step, const std::shared_ptr<const WallDrives>& drives) {
+  return BoxLattice(system, grid, first, first_step, drives).start();
 }
 
 int box_unknowns(const MultisymplecticSystem& system, double h) {
@@ -677,23 +556,11 @@ int box_unknowns(const MultisymplecticSystem& system, double h) {
 }
 
 std::unique_ptr<LatticeScheme> make_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                               LatticeLevel first, double first_step) {
-  check(system, grid, Collocation::cells, first);
+                                               LatticeLevel first, double first_step,
+                                               const std::shared_ptr<const WallDrives>& drives) {
+  check(system, grid, first);
   check_waves_of_kernel(system, grid, first_step);
-  return std::make_unique<MidpointLattice>(system, grid, Collocation::cells, std::move(first), first_step);
-}
-
-std::unique_ptr<LatticeScheme> make_walled_box_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                      LatticeLevel first, double first_step,
-                                                      const std::shared_ptr<const WallDrives>& drives) {
-  check(system, grid, Collocation::cells, first);
-  return std::make_unique<MidpointLattice>(system, grid, Collocation::cells, std::move(first), first_step, drives);
-}
-
-std::unique_ptr<LatticeScheme> make_fourier_scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                   LatticeLevel first, double first_step) {
-  check(system, grid, Collocation::nodes, first);
-  return std::make_unique<MidpointLattice>(system, grid, Collocation::nodes, std::move(first), first_step);
+  return std::make_unique<BoxLattice>(system, grid, std::move(first), first_step, drives);
 }
 
 }  // namespace rubato
