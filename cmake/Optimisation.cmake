@@ -12,7 +12,7 @@ set(rubato_sources_loops
   ode/splitting_lanes.cpp ode/stage_kernels.cpp ode/state_kernels.cpp
   grids/arrays.cpp grids/box_operators.cpp grids/fourier.cpp grids/reductions.cpp grids/spectral_derivative.cpp grids/stencil.cpp
   solve/band_solver.cpp solve/block_qr_reduction.cpp solve/cyclic_block.cpp solve/cyclic_residual.cpp solve/fourier_preconditioner.cpp solve/gmres.cpp
-  pde/box_gather.cpp pde/box_lattice.cpp pde/cell_sweep.cpp pde/cell_sweep_size.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/level_fields.cpp pde/level_history.cpp pde/stage_loops.cpp pde/wave_loops.cpp
+  pde/box_gather.cpp pde/box_lattice.cpp pde/cell_sweep.cpp pde/cell_sweep_size.cpp pde/euler_box_map.cpp pde/face_gather.cpp pde/law_currents.cpp pde/level_fields.cpp pde/level_history.cpp pde/wave_loops.cpp
   record/checksum.cpp)
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once

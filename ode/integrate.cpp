@@ -19,7 +19,7 @@
 #include <rubato/ode/orbit_events.hpp>
 #include <rubato/ode/tuning.hpp>
 #include <rubato/ode/two_step_scheme.hpp>
-#include <rubato/solve/small_matrices.hpp>
+#include <rubato/solve/spectrum.hpp>
 
 namespace rubato {
 

@@ -139,7 +139,7 @@ private:
 
 /// An orthonormal basis, of scaled vectors.
 MatrixXcd kernel_of(const MatrixXcd& matrix) {
-  const auto [values, vectors, images] = solve::singular_values(matrix);
+  const auto [values, vectors] = solve::singular_values(matrix);
   return vectors.rightCols((values.array() < threshold).count());
 }
 

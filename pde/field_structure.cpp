@@ -37,7 +37,7 @@ Matrix null_space_of(Matrix matrix) {
   const solve::Equilibration equilibration = solve::equilibrate(matrix.cwiseAbs());
   const VectorXd& scale = equilibration.columns;
   matrix = (equilibration.rows.asDiagonal() * matrix * scale.asDiagonal()).eval();
-  const auto [values, vectors, images] = solve::singular_values(matrix);
+  const auto [values, vectors] = solve::singular_values(matrix);
   Index rank = 0;
   while (rank < values.size() && values[rank] > rank_threshold * values[0]) {
     ++rank;

@@ -241,7 +241,7 @@ private:
       matrix.row(static_cast<Eigen::Index>(i)) = equations[i].transpose();
     }
     constexpr double rounding = 1e-12;
-    const auto [values, vectors, images] = solve::singular_values(matrix);
+    const auto [values, vectors] = solve::singular_values(matrix);
     const Eigen::Index kernel = (values.array() <= rounding * size).count();
     // Equations that share nothing have a factor each; the first row of each is taken as it is.
     const Eigen::MatrixXd basis = kernel > 0 ? column_echelon(vectors.rightCols(kernel)) : vectors.rightCols(1);

@@ -99,7 +99,8 @@ void pseudo_invert(int n, const Complex* a, Complex* inverse) {
   for (int i = 0; i < n * n; ++i) {
     matrix(i / n, i % n) = a[i] / scale;
   }
-  const auto [values, v, av] = singular_values(matrix);
+  const auto [values, v] = singular_values(matrix);
+  const Eigen::MatrixXcd av = product_of(matrix, v);
   // Ten times looser than for pivots: a matrix that came here loses at least its smallest value.
   const double smallest_kept = std::max(10.0 * deficient_below * values(0), values(n - 1) * (1.0 + 1e-12));
   for (int j = 0; j < n && values(j) > smallest_kept; ++j) {  // Σ v_j u_jᴴ / σ_j, u_j = A v_j / σ_j

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
@@ -21,17 +20,22 @@ using Eigen::MatrixXd;
 
 template <typename Matrix>
 SingularValues<Matrix> singular_values_of(const Matrix& A) {
-  const Index columns = A.cols(), rank = std::min(A.rows(), columns);
-  SingularValues<Matrix> result{Eigen::VectorXd::Zero(columns), Matrix::Identity(columns, columns),
-                                Matrix::Zero(A.rows(), columns)};
-  if (rank == 0) {
-    return result;
+  const Index rows = A.rows(), columns = A.cols();
+  if (rows == 0 || columns == 0) {
+    return {Eigen::VectorXd::Zero(columns), Matrix::Identity(columns, columns)};
   }
-  const Eigen::JacobiSVD<Matrix> svd(A, Eigen::ComputeThinU | Eigen::ComputeFullV);
-  result.values.head(rank) = svd.singularValues();
-  result.vectors = svd.matrixV();
-  result.images.leftCols(rank) = svd.matrixU() * svd.singularValues().asDiagonal();
-  return result;
+  // Of a square matrix with the same AᴴA: RPᵀ of AP = QR, or A with rows of zeros. For other shapes Eigen would
+  // instantiate three more decompositions.
+  Matrix square = Matrix::Zero(columns, columns);
+  if (rows > columns) {
+    const Eigen::ColPivHouseholderQR<Matrix> qr(A);
+    square = qr.matrixQR().topRows(columns).template triangularView<Eigen::Upper>();
+    square = (square * qr.colsPermutation().inverse()).eval();
+  } else {
+    square.topRows(rows) = A;
+  }
+  const Eigen::JacobiSVD<Matrix, Eigen::NoQRPreconditioner> svd(square, Eigen::ComputeFullV);
+  return {svd.singularValues(), svd.matrixV()};
 }
 
 }  // namespace
@@ -105,13 +109,6 @@ MatrixXcd exponential_of(const MatrixXcd& A) {
     return MatrixXcd::Constant(A.rows(), A.cols(), std::numeric_limits<double>::quiet_NaN());
   }
   return A.exp();
-}
-
-double spectral_radius(const MatrixXd& A) {
-  if (!A.allFinite()) {
-    return std::numeric_limits<double>::quiet_NaN();
-  }
-  return A.size() == 0 ? 0.0 : A.eigenvalues().cwiseAbs().maxCoeff();
 }
 
 SingularValues<MatrixXd> singular_values(const MatrixXd& A) {

@@ -52,15 +52,11 @@ struct Inverse {
 /// Returns exp(A), by Padé approximation with scaling and squaring; NaN in every entry if one of A is not finite.
 [[nodiscard]] Eigen::MatrixXcd exponential_of(const Eigen::MatrixXcd& A);
 
-/// Returns max |λ| over the eigenvalues λ of A: to about 1e-8 where they are multiple. NaN if an entry is not finite.
-[[nodiscard]] double spectral_radius(const Eigen::MatrixXd& A);
-
-/// A = UΣVᴴ as AV = UΣ.
+/// Σ and V of A = UΣVᴴ: the columns of AV are orthogonal, and as long as Σ says.
 template <typename Matrix>
 struct SingularValues {
   Eigen::VectorXd values;  ///< Σ, decreasing; as many as A has columns
   Matrix vectors;          ///< V, unitary
-  Matrix images;           ///< AV, whose columns are orthogonal
 };
 
 /// Returns the singular values of A by two-sided Jacobi rotations. Precondition: all entries are finite.

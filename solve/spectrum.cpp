@@ -15,6 +15,10 @@ Eigenvectors eigenvectors(const Eigen::MatrixXd& A) {
   return {solver.eigenvalues(), solver.eigenvectors()};
 }
 
+double spectral_radius(const Eigen::MatrixXd& A) {
+  return A.size() == 0 ? 0.0 : eigenvectors(A).values.cwiseAbs().maxCoeff<Eigen::PropagateNaN>();
+}
+
 Eigen::VectorXd symmetric_eigenvalues(const Eigen::MatrixXd& A) {
   if (!A.allFinite()) {
     return Eigen::VectorXd::Constant(A.rows(), std::numeric_limits<double>::quiet_NaN());

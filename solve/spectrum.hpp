@@ -15,6 +15,9 @@ struct Eigenvectors {
 /// The eigenvalues and eigenvectors of a real square matrix; NaN if an entry is not finite.
 [[nodiscard]] Eigenvectors eigenvectors(const Eigen::MatrixXd& A);
 
+/// Returns max |λ| over the eigenvalues λ of A: to about 1e-8 where they are multiple. NaN if an entry is not finite.
+[[nodiscard]] double spectral_radius(const Eigen::MatrixXd& A);
+
 /// The eigenvalues of a symmetric matrix, increasing; its lower triangle is read. NaN if an entry is not finite.
 [[nodiscard]] Eigen::VectorXd symmetric_eigenvalues(const Eigen::MatrixXd& A);
 
