@@ -7,7 +7,7 @@ import numpy as np
 from . import _core, _toml
 from ._problem import build, threads_of
 from ._result import Result
-from ._systems import Hamiltonian
+from ._systems import Hamiltonian, without_mask
 
 #: An orbit whose node energy strays by less, relative to its energy, is good without a further look at it.
 _CLEARLY_GOOD = 1e-3
@@ -156,7 +156,7 @@ class EnsembleResult:
 
 def integrate_many(system, initial, t_span, *, events, threads, tick, common) -> EnsembleResult:
     """Integrates from each of the states; `tick` is called with the number of those that are done."""
-    states = np.asarray(initial)
+    states = np.asarray(without_mask(initial, "initial"))
     if states.dtype == object or states.dtype.kind not in "fiu":
         raise TypeError(f"initial takes real numbers, and not {states.dtype}")
     names = system.names

@@ -7,12 +7,12 @@ import os
 import numpy as np
 
 from . import _core, _symbols, _toml
-from ._systems import Field, Hamiltonian, Lagrangian, Lattice, Multisymplectic
+from ._systems import Field, Hamiltonian, Lagrangian, Lattice, Multisymplectic, without_mask
 
 
 def numbers(value, count: int, what: str) -> list:
     """Returns so many finite or infinite real numbers of an array, as floats."""
-    array = np.asarray(value)
+    array = np.asarray(without_mask(value, what))
     if array.dtype == object or array.dtype.kind not in "fiu":
         raise TypeError(f"{what} takes real numbers, and not {value!r}")
     if array.shape != (count,):
@@ -130,9 +130,9 @@ def _scheme_table(system, scheme, stages, levels, step, end) -> dict:
 def _output_table(every, t_eval) -> dict:
     table = {} if every is None else {"every": every}
     if t_eval is not None:
-        times = np.asarray(t_eval, dtype=float)
+        times = np.asarray(without_mask(t_eval, "t_eval"), dtype=float)
         if times.ndim != 1 or not len(times):
-            raise ValueError("t_eval is a list of times")
+            raise ValueError(f"t_eval has shape {times.shape}, and is to be a list of times, one or more")
         table["times"] = times
     return table
 

@@ -12,6 +12,13 @@ from ._symbols import as_formula, components
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
+def without_mask(value, what: str):
+    """Returns the value, which may be an array, unless some of its numbers are hidden."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{what} is a masked array, and every number is needed: fill it by .filled()")
+    return value
+
+
 def _names(value, what: str) -> list:
     if isinstance(value, str):
         value = value.replace(",", " ").split()
@@ -347,18 +354,18 @@ class Lattice:
     def _take(self, name: str, value):
         pair = self._parts_of(name)
         if pair is not None and not isinstance(value, str):
-            values = np.asarray(value(*self.coordinates) if callable(value) else value, dtype=complex)
+            value = value(*self.coordinates) if callable(value) else value
+            values = np.asarray(without_mask(value, f"the initial {name}"), dtype=complex)
             values = values if values.ndim else np.full(self.shape, values)
             for part, its in zip(pair, (values.real, values.imag)):
                 self._take(part, its)
             return
-        if isinstance(value, np.ma.MaskedArray):
-            raise TypeError(f"the initial {name} is a masked array, and every node needs a value: fill it by .filled()")
         if callable(value) and not isinstance(value, _symbols.Symbol):
             try:
                 value = _symbols.trace(value, list(self._grid), list(self.system._parameters), f"initial {name}")
             except TypeError:
-                value = np.asarray(value(*self.coordinates), dtype=float) + np.zeros(self.shape)
+                value = value(*self.coordinates) + np.zeros(self.shape)
+        without_mask(value, f"the initial {name}")
         if isinstance(value, np.ndarray) and value.ndim > 0 or isinstance(value, (list, tuple)):
             array = np.asarray(value)
             if array.dtype == object or np.iscomplexobj(array) or array.dtype.kind not in "fiu":

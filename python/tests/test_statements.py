@@ -285,6 +285,21 @@ class Fields(unittest.TestCase):
         with self.assertRaisesRegex(TypeError, "masked"):
             rb.Lattice(wave, grid, {"u": hidden, "u_t": 0})
         rb.Lattice(wave, grid, {"u": hidden.filled(0.0), "u_t": 0})
+        with self.assertRaisesRegex(TypeError, "masked"):
+            rb.Lattice(wave, grid, {"u": lambda x: np.ma.masked_less(x, 0) if isinstance(x, np.ndarray) else float(x),
+                                    "u_t": 0})
+        with self.assertRaisesRegex(TypeError, "masked"):
+            rb.Lattice(schroedinger, grid, {"psi": hidden + 0j})
+        pendulum = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")
+        state = np.ma.masked_array([0.0, 1.9], mask=[False, True])
+        for initial in (state, np.ma.masked_array([state, state])):
+            with self.assertRaisesRegex(TypeError, "initial is a masked array"):
+                rb.integrate(pendulum, initial, (0, 1), step=0.1)
+        rb.integrate(pendulum, state.filled(1.9), (0, 1), step=0.1)
+        for times, problem in ((np.ma.masked_array([0.5, 1.0], mask=[True, False]), TypeError), ([], ValueError),
+                               ([[0.5]], ValueError)):
+            with self.assertRaisesRegex(problem, "t_eval"):
+                rb.integrate(pendulum, [0, 1.9], (0, 1), step=0.1, t_eval=times)
         with self.assertRaisesRegex(ValueError, "nan at node 3"):
             bad = np.zeros(101)
             bad[3] = np.nan
