@@ -231,6 +231,22 @@ class Fields(unittest.TestCase):
             np.testing.assert_allclose(r.u, results[0].u, atol=1e-9)
         self.assertGreater(np.abs(results[0].u[-1] - results[0].u[0]).max(), 1e-3)
 
+    def test_the_box_between_walls_keeps_its_energy(self):
+        wave = rb.Field(equation="u_tt = u_xx - sin(u)")
+        for left, right, shape, cells in (("fixed", "fixed", "sin(pi*x)", 40), ("free", "free", "cos(pi*x)", 41),
+                                          ("fixed", "free", "sin(pi*x/2)", 41)):
+            line = {"x": {"from": 0, "to": 1, "cells": cells, "left": left, "right": right}}
+            lattice = rb.Lattice(wave, line, {"u": f"0.5*{shape}", "u_t": 0})
+
+            def spread(levels):
+                r = rb.integrate(lattice, (0, 2), step=0.02, scheme="box", levels=levels)
+                self.assertEqual(r.u.shape[1], cells + 1)  # the nodes of both walls
+                self.assertEqual(r.verdict, "good")
+                return np.ptp(r.energy) / abs(r.energy[0])
+
+            self.assertLess(spread("variable"), 1e-13)
+            self.assertGreater(spread("fixed"), 1e-9)  # the twin: levels that do not give way
+
     def test_initial_data_as_arrays_functions_and_texts(self):
         wave = rb.Field(equation="u_tt = u_xx - sin(u)")
         grid = {"x": (-10, 10, 101)}
