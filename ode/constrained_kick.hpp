@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <span>
 
 #include <Eigen/Core>
@@ -30,27 +29,12 @@ public:
   [[nodiscard]] Numbers mu() { return part(6 * n_ + m_, c_); }
   [[nodiscard]] double& length() { return numbers_[6 * n_ + m_ + c_]; }  ///< of a drift
 
-  /// Stands at z + low, with δ = 0.
-  void stand_at(const Eigen::VectorXd& z, const Eigen::VectorXd& low) {
-    double* const numbers = numbers_.data();
-    std::copy_n(z.data(), 2 * n_, numbers);
-    std::copy_n(low.data(), 2 * n_, numbers + 2 * n_);
-    std::fill_n(numbers + 4 * n_, 2 * n_, 0.0);
+  /// Stands at `at` + `below`, with δ = 0.
+  void stand_at(const Eigen::VectorXd& at, const Eigen::VectorXd& below) {
+    z() = at;
+    low() = below;
+    delta().setZero();
   }
-
-  /// p -= length ∇V.
-  void kick(double length, const Eigen::VectorXd& force) {
-    double* const p = numbers_.data() + 5 * n_;
-    for (Eigen::Index i = 0; i < n_; ++i) {
-      p[i] -= length * force[i];
-    }
-  }
-  /// To where a drift ends.
-  void move(const double* delta, const double* entries) {
-    std::copy_n(delta, 2 * n_, numbers_.data() + 4 * n_);
-    std::copy_n(entries, m_, numbers_.data() + 6 * n_);
-  }
-  void set_mu(const double* mu) { std::copy_n(mu, c_, numbers_.data() + 6 * n_ + m_); }
 
   [[nodiscard]] const double* data() const { return numbers_.data(); }
 

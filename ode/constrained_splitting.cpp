@@ -84,7 +84,7 @@ private:
     Index drift = 0;
     for (const Composition::Part& part : composition_.parts) {
       if (!part.drift) {
-        point_.kick(part.length * h, node->force);
+        point_.delta().tail(n_) -= part.length * h * node->force;
         energy_ += part.length * node->V;
         continue;
       }
@@ -92,7 +92,7 @@ private:
         return status;
       }
       energy_ += part.length * drift_.energy();
-      std::copy_n(drift_.there().data(), n_, there_.q.data());
+      there_.q = drift_.there().head(n_);
       evaluate_potential(there_);
       node = &there_;
     }
@@ -116,12 +116,13 @@ private:
     bool factored = false;
     for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
       ++iterations_;
-      point_.set_mu(mu.data());
+      point_.mu() = mu;
       drift_.evaluate(point_);
       const bool is_rounding = drift_.is_rounding(roundings_of_step);
       const double relative = is_rounding ? 0.0 : drift_.relative();
       if (is_rounding || (relative >= 0.5 * last && relative <= stagnant_constraint)) {
-        point_.move(drift_.delta_there().data(), drift_.entries_there().data());
+        point_.delta() = drift_.delta_there();
+        point_.entries() = drift_.entries_there();
         return Status::success;
       }
       if (!std::isfinite(relative)) {

@@ -144,7 +144,7 @@ Status ConstrainedState::project() {
   nu_.setZero();
   double last = std::numeric_limits<double>::infinity();
   for (int iteration = 0; iteration < most_multiplier_iterations; ++iteration) {
-    point_.set_mu(nu_.data());
+    point_.mu() = nu_;
     projection_.evaluate(point_);
     const bool is_rounding = projection_.is_rounding(roundings_of_step);
     const double relative = is_rounding ? 0.0 : projection_.relative();
@@ -181,14 +181,9 @@ Status ConstrainedState::factor(const ConstrainedKick& kick) {
 }
 
 void ConstrainedState::solve_multipliers() {
-  double* const rates = rates_.data();
-  for (Index i = 0; i < c_; ++i) {
-    rates[i] *= multiplier_units_[i];
-  }
-  multiplier_solver_.solve(rates);
-  for (Index i = 0; i < c_; ++i) {
-    rates[i] *= multiplier_units_[i];
-  }
+  rates_ = rates_.cwiseProduct(multiplier_units_);
+  multiplier_solver_.solve(rates_.data());
+  rates_ = rates_.cwiseProduct(multiplier_units_);
 }
 
 ConstrainedState::Second& ConstrainedState::second() {
