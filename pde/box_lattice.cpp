@@ -171,7 +171,7 @@ public:
       find_start_velocity();
       grids::FieldSet& rate = trial_h_ == 0.0 ? delta_ : correction_;  // whichever nothing goes on from
       history_.velocity(rate);
-      node_ = level_node(level_.fields, rate);
+      node_ = level_node(rate);
       node_known_ = true;
     }
     return node_;
@@ -309,15 +309,15 @@ private:
     return sweep_(fields.pointers(), level_.slopes, rate, 0.0, {}, {});
   }
 
-  /// At the node values `fields`, with these velocities.
-  NodeEnergy level_node(const grids::FieldSet& fields, const grids::FieldSet& velocity) {
+  /// At the level, with these velocities.
+  NodeEnergy level_node(const grids::FieldSet& velocity) {
     EvolvingRates rates;
     const auto rate = evolving(velocity, rates);
     const bool is_point = std::ranges::find(at_midpoints_, true) == at_midpoints_.end();
     if (!is_point) {
-      copy_level(fields, at_midpoints_, point_);
+      copy_level(level_.fields, at_midpoints_, point_);
     }
-    const grids::FieldSet& point = is_point ? fields : point_;
+    const grids::FieldSet& point = is_point ? level_.fields : point_;
     const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
     return {result.energy - work_, -result.quadratic};
   }

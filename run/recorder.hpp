@@ -68,7 +68,7 @@ private:
 /// the same name now has not.
 [[nodiscard]] bool has_state_of_earlier_version(const record::Reader& reader, const ObservedRun& observed);
 
-/// Brings a observed to where the checkpoint was made. False, and the observed in no state to be used, if the
+/// Brings a run to where the checkpoint was made. False, and the run in no state to be used, if the
 /// checkpoint is not one of its problem.
 [[nodiscard]] bool restore(const record::Checkpoint& checkpoint, ObservedRun& observed);
 /// The same with the "state" apart from all else.
