@@ -33,9 +33,8 @@ void check(const std::vector<Axis>& axes) {
     if ((axis.left != End::periodic) != (axis.right != End::periodic)) {
       throw std::invalid_argument(fmt::format("axis {}: a wall at one end needs one at the other", axis.name));
     }
-    if (axis.has_walls() && (axis.cells < 4 || axis.of != 0)) {
-      throw std::invalid_argument(
-          fmt::format("axis {}: at least 3 cells are needed between walls, all of them in one part", axis.name));
+    if (axis.has_walls() && axis.whole_cells() < 4) {
+      throw std::invalid_argument(fmt::format("axis {}: at least 3 cells are needed between walls", axis.name));
     }
     if (!(axis.from + axis.spacing() > axis.from)) {
       throw std::invalid_argument(fmt::format("axis {}: {} cells from {} to {} are closer than rounding", axis.name,
@@ -52,6 +51,20 @@ void check(const std::vector<Axis>& axes) {
 }
 
 }  // namespace
+
+std::ptrdiff_t Axis::place(std::size_t i) const {
+  const auto at = static_cast<std::ptrdiff_t>(first + i) - static_cast<std::ptrdiff_t>(ghosts);
+  if (of == 0) {
+    return at;
+  }
+  const auto all = static_cast<std::ptrdiff_t>(of);
+  if (left == End::periodic) {
+    return at % all;
+  }
+  // A part that goes on beyond an end of the whole has more nodes within than beyond it.
+  const bool begins_beyond = first + cells > of && 2 * (of - first) < cells;
+  return begins_beyond ? at - all : at;
+}
 
 double Axis::folded(double place) const {
   if (mirrored == 0) {
@@ -98,7 +111,10 @@ double Grid::weight(std::size_t node) const {
   const auto at = place(node);
   double weight = 1.0;
   for (std::size_t a = 0; a < axes_.size(); ++a) {
-    weight *= axes_[a].is_ghost(at[a]) ? 0.0 : axes_[a].is_on_wall(at[a]) ? 0.5 : 1.0;
+    if (axes_[a].left != End::periodic) {
+      const std::ptrdiff_t i = axes_[a].place(at[a]), last = static_cast<std::ptrdiff_t>(axes_[a].cell_count());
+      weight *= i < 0 || i > last ? 0.0 : i == 0 || i == last ? 0.5 : 1.0;
+    }
   }
   return weight;
 }

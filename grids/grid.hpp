@@ -33,20 +33,28 @@ struct Axis {
 
   /// True if all nodes are between walls, those on the walls included.
   [[nodiscard]] bool has_walls() const { return left != End::periodic && ghosts == 0; }
-  /// How many cells there are between the ends.
-  [[nodiscard]] std::size_t cell_count() const {
-    return ghosts > 0 ? cells - 1 - 2 * ghosts : has_walls() ? cells - 1 : cells;
-  }
-  /// Of an axis with walls, with ghosts or without: the node on a wall; whether node i is beyond one, or on one.
+  /// The nodes of the whole axis, and how many cells there are between its ends.
   ///@{
-  [[nodiscard]] std::size_t wall(bool is_right) const { return ghosts + (is_right ? cell_count() : 0); }
-  [[nodiscard]] bool is_ghost(std::size_t i) const { return i < ghosts || i + ghosts >= cells; }
-  [[nodiscard]] bool is_on_wall(std::size_t i) const {
-    return left != End::periodic && (i == wall(false) || i == wall(true));
+  [[nodiscard]] std::size_t whole_cells() const { return of == 0 ? cells : of; }
+  [[nodiscard]] std::size_t cell_count() const {
+    return whole_cells() - (left == End::periodic ? 0 : 1 + 2 * ghosts);  // both walls are nodes
   }
   ///@}
+  /// How many cells node i is from that at `from`. Of an axis with walls, with ghosts or without, places beyond them
+  /// are below 0 or above cell_count(), those of a part as well.
+  [[nodiscard]] std::ptrdiff_t place(std::size_t i) const;
+  /// Of an axis with walls: whether node i is beyond one, or on one, or on that one.
+  ///@{
+  [[nodiscard]] bool is_ghost(std::size_t i) const {
+    return ghosts > 0 && (place(i) < 0 || place(i) > static_cast<std::ptrdiff_t>(cell_count()));
+  }
+  [[nodiscard]] bool is_on_wall(std::size_t i, bool is_right) const {
+    return left != End::periodic && place(i) == (is_right ? static_cast<std::ptrdiff_t>(cell_count()) : 0);
+  }
+  [[nodiscard]] bool is_on_wall(std::size_t i) const { return is_on_wall(i, false) || is_on_wall(i, true); }
+  ///@}
   [[nodiscard]] double length() const { return to - from; }
-  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(of == 0 ? cell_count() : of); }
+  [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(cell_count()); }
   [[nodiscard]] double node(std::size_t i) const { return from + folded(number(i)) * spacing(); }
   /// The upper end of cell i: that of the last one is `to`.
   [[nodiscard]] double upper(std::size_t i) const { return from + folded(number(i) + 1.0) * spacing(); }
@@ -54,9 +62,7 @@ struct Axis {
   [[nodiscard]] double centre(std::size_t i) const { return from + folded(number(i) + 0.5) * spacing(); }
 
 private:
-  [[nodiscard]] double number(std::size_t i) const {
-    return of == 0 ? static_cast<double>(i) - static_cast<double>(ghosts) : static_cast<double>((first + i) % of);
-  }
+  [[nodiscard]] double number(std::size_t i) const { return static_cast<double>(place(i)); }
   [[nodiscard]] double folded(double place) const;
 };
 
@@ -102,5 +108,26 @@ private:
   std::array<std::size_t, 3> strides_{};
   std::size_t size_ = 1;
 };
+
+/// Nodes that follow each other: [begin, end).
+struct NodeRange {
+  std::size_t begin = 0, end = 0;
+};
+/// The nodes of which is_meant(node) is true, in their order.
+template <class IsMeant>
+[[nodiscard]] std::vector<NodeRange> ranges_where(const Grid& grid, const IsMeant& is_meant) {
+  std::vector<NodeRange> ranges;
+  for (std::size_t node = 0; node < grid.size(); ++node) {
+    if (!is_meant(node)) {
+      continue;
+    }
+    if (!ranges.empty() && ranges.back().end == node) {
+      ++ranges.back().end;
+    } else {
+      ranges.push_back({node, node + 1});
+    }
+  }
+  return ranges;
+}
 
 }  // namespace rubato::grids

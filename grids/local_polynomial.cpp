@@ -3,6 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
+#include <vector>
+
+#include <rubato/grids/slab.hpp>
 
 namespace rubato::grids {
 
@@ -15,9 +19,9 @@ constexpr std::size_t most_nodes = 10;
 struct NearNodes {
   std::size_t first = 0, count = 0;
 
-  NearNodes(const Axis& axis, double place) : count(std::min(most_nodes, axis.cells)) {
+  NearNodes(const Axis& axis, double place) : count(std::min(most_nodes, axis.whole_cells())) {
     const auto middle = std::llround(place - 0.5 * static_cast<double>(count - 1));
-    first = static_cast<std::size_t>(std::clamp(middle, 0LL, static_cast<long long>(axis.cells - count)));
+    first = static_cast<std::size_t>(std::clamp(middle, 0LL, static_cast<long long>(axis.whole_cells() - count)));
   }
 };
 
@@ -59,28 +63,42 @@ LocalWeights local_weights(const Axis& axis, double x, bool of_derivative) {
 }
 
 void local_derivative(const Grid& grid, int axis, const double* in, double* out) {
-  const std::size_t n = grid.cells(axis), stride = grid.stride(axis);
+  const Slab* const slab = Slab::of(grid);
+  const std::size_t n = grid.cells(axis), stride = grid.stride(axis), all = grid.axis(axis).whole_cells();
   const double spacing = grid.spacing(axis);
   // Nodes with as many before them, of those that are near, have the same weights.
   std::array<std::array<double, most_nodes>, most_nodes> weights{};
-  const std::size_t near = std::min(most_nodes, n);
+  const std::size_t near = std::min(most_nodes, all);
   for (std::size_t at = 0; at < near; ++at) {
     const auto both = weights_of_both(near, static_cast<double>(at));
     std::ranges::transform(both, weights[at].begin(), [spacing](const auto& one) { return one[1] / spacing; });
   }
-  std::vector<double> line(n);
+  // Along the axis that ranks share, with the nodes of neighbours that are near: node i of a line is i + before there.
+  std::size_t first = 0, before = 0;
+  FieldSet wide;
+  if (slab != nullptr && axis + 1 == grid.dimensions()) {
+    before = most_nodes;
+    const Slab more = slab->with_ghosts({before, before});
+    wide = FieldSet(1, more.size());
+    std::copy_n(in, grid.size(), wide.field(0).begin() + static_cast<std::ptrdiff_t>(more.first_node()));
+    more.refresh(wide);
+    in = std::as_const(wide).field(0).data();
+    first = slab->first_plane(slab->rank());
+  }
+  const std::size_t read = n + 2 * before;
+  std::vector<double> line(read);
   for (std::size_t number = 0; number < grid.size() / n; ++number) {
-    const std::size_t first = number % stride + number / stride * stride * n;
-    for (std::size_t i = 0; i < n; ++i) {
-      line[i] = in[first + i * stride];
+    const std::size_t within = number % stride, block = number / stride * stride;
+    for (std::size_t i = 0; i < read; ++i) {
+      line[i] = in[block * read + within + i * stride];
     }
     for (std::size_t i = 0; i < n; ++i) {
-      const NearNodes nodes(grid.axis(axis), static_cast<double>(i));
+      const NearNodes nodes(grid.axis(axis), static_cast<double>(first + i));
       double sum = 0.0;
       for (std::size_t j = 0; j < nodes.count; ++j) {
-        sum += weights[i - nodes.first][j] * line[nodes.first + j];
+        sum += weights[first + i - nodes.first][j] * line[nodes.first + j + before - first];
       }
-      out[first + i * stride] = sum;
+      out[block * n + within + i * stride] = sum;
     }
   }
 }

@@ -17,7 +17,7 @@ namespace {
 
 /// Dirichlet's kernel of n nodes at every node's distance from x, in units of the spacing: 1 at the node itself.
 std::vector<double> kernel(const Axis& axis, double x) {
-  const std::size_t cells = axis.of == 0 ? axis.cells : axis.of;
+  const std::size_t cells = axis.whole_cells();
   const auto n = static_cast<double>(cells);
   const double place = (x - axis.from) / (axis.to - axis.from) * n;
   const double nearest = std::round(place);
@@ -51,7 +51,7 @@ PointInterpolation::PointInterpolation(const Grid& grid, std::vector<double> coo
     const double x = coordinates_[static_cast<std::size_t>(a)];
     if (axis.has_walls()) {
       const LocalWeights near = local_weights(axis, x);
-      std::vector<double>& weights = weights_.emplace_back(axis.cells, 0.0);
+      std::vector<double>& weights = weights_.emplace_back(axis.whole_cells(), 0.0);
       std::ranges::copy(near.of, weights.begin() + static_cast<std::ptrdiff_t>(near.first));
     } else {
       weights_.push_back(kernel(axis, x));

@@ -35,12 +35,15 @@ public:
   /// \throws std::invalid_argument if there are more ranks than planes
   Slab(ranks::Communicator& ranks, const Grid& whole, Ghosts ghosts, std::vector<std::size_t> first_planes = {});
 
+  /// The same parts with other ghosts.
+  [[nodiscard]] Slab with_ghosts(Ghosts ghosts) const { return {ranks_, whole_, ghosts, first_planes_}; }
+
   [[nodiscard]] const Grid& whole() const { return whole_; }
   [[nodiscard]] const Grid& grid() const { return grid_; }
   [[nodiscard]] bool leads() const { return ranks_.rank() == 0; }
   [[nodiscard]] int rank() const { return ranks_.rank(); }
   [[nodiscard]] int ranks() const { return ranks_.size(); }
-  [[nodiscard]] const ranks::Communicator& communicator() const { return ranks_; }
+  [[nodiscard]] ranks::Communicator& communicator() const { return ranks_; }
   /// Nodes of grid(), ghosts and all.
   [[nodiscard]] std::size_t size() const { return grid_.size(); }
   /// The first owned one of them, and how many are owned: consecutive ones.
@@ -48,6 +51,7 @@ public:
   [[nodiscard]] std::size_t first_node() const { return ghosts_.before * plane_; }
   [[nodiscard]] std::size_t owned() const { return planes(ranks_.rank()) * plane_; }
   ///@}
+  [[nodiscard]] bool owns(std::size_t node) const { return node >= first_node() && node - first_node() < owned(); }
   /// What a rank owns.
   ///@{
   [[nodiscard]] std::size_t first_plane(int rank) const { return first_planes_[static_cast<std::size_t>(rank)]; }

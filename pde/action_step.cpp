@@ -350,7 +350,7 @@ void ActionStep::begin(const LatticeLevel& level) {
   }
 }
 
-void ActionStep::renew(const LatticeLevel& level, std::span<const std::pair<std::size_t, std::size_t>> ranges) {
+void ActionStep::renew(const LatticeLevel& level, std::span<const grids::NodeRange> ranges) {
   levels_.renew(level.fields, ranges,
                 [&](NodeCode& code, const FieldSet& fields) { read(code, 1.0, level, fields, no_momenta_); });
 }

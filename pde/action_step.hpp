@@ -69,7 +69,7 @@ public:
   /// The energies of a step to a level that is there, and the momenta of that which are fields into `momenta`.
   void derive(double h, const LatticeLevel& before, const grids::FieldSet& after, grids::FieldSet& momenta);
   /// Some nodes of the upper level have changed.
-  void renew(const LatticeLevel& level, std::span<const std::pair<std::size_t, std::size_t>> ranges);
+  void renew(const LatticeLevel& level, std::span<const grids::NodeRange> ranges);
   /// The upper level is the lower one from now on.
   void move();
 

@@ -1,6 +1,9 @@
 #include <algorithm>
+#include <array>
 #include <vector>
 
+#include <rubato/base/compensated_sum.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/action_step.hpp>
 #include <rubato/pde/mirror_signs.hpp>
 
@@ -53,9 +56,8 @@ void ActionStep::drive(double t) {
 }
 
 ActionStep::Work ActionStep::work(double h, const LatticeLevel& before, const grids::FieldSet& after) {
-  Work work;
   if (!driven_nodes_) {
-    return work;
+    return {};
   }
   const int d = rows_.system().field_count();
   NodeCode& forces = made(codes_.on_walls, [&] {
@@ -73,17 +75,26 @@ ActionStep::Work ActionStep::work(double h, const LatticeLevel& before, const gr
   for (double& value : values) {
     out.push_back(&value);
   }
+  const grids::Slab* const slab = grids::Slab::of(after.size());
+  std::array<CompensatedSum, 2> sums;
   for (const DrivenNodes::Node& node : driven_nodes_->nodes()) {
+    if (slab != nullptr && !slab->owns(node.node)) {
+      continue;
+    }
     forces.evaluate(0, node.node, node.node + 1, {}, out);
     const auto u = static_cast<std::size_t>(node.u);
     const auto part = [&](double force, double v) {
       return -volume_ * (force + node.weight * node.row.m * v) * node.row.rate(v);
     };
     const double v_before = before.fields.field(node.row.v)[node.node], v_after = after.field(node.row.v)[node.node];
-    work.before += part(values[u], v_before);
-    work.after += -part(-values[u + static_cast<std::size_t>(d)], v_after);
+    sums[0].add(part(values[u], v_before));
+    sums[1].add(-part(-values[u + static_cast<std::size_t>(d)], v_after));
   }
-  return work;
+  std::array<double, 2> totals = {sums[0].value(), sums[1].value()};
+  if (slab != nullptr) {
+    slab->reduce(sums, totals, {});
+  }
+  return {.before = totals[0], .after = totals[1]};
 }
 
 }  // namespace rubato

@@ -82,6 +82,14 @@ EulerBoxMap::EulerBoxMap(const MultisymplecticSystem& system, const grids::Grid&
           return std::ranges::any_of(
               solves_, [&](const LocalSolve& solve) { return !solve.is_affine && solve.field == held.first; });
         });
+    ghosts_ = grids::ranges_where(grid, [&](std::size_t node) { return grid.weight(node) == 0.0; });
+  }
+}
+
+/// What is read beyond walls is wrong in the outer ghosts.
+void EulerBoxMap::clear_ghosts(std::span<double> values) const {
+  for (const auto [begin, end] : ghosts_) {
+    std::ranges::fill(values.subspan(begin, end - begin), 0.0);
   }
 }
 
@@ -550,6 +558,7 @@ Status EulerBoxMap::run(const LocalSolve& solve, double h, const grids::FieldSet
     evaluate_row(solve.code, fields);
     add_differences(solve.row, fields);
     correct(solve, varying, h, before, fields);
+    clear_ghosts(row_.field(0));
     const std::array<std::span<const double>, 2> both = {row_.field(0), fields.field(solve.field)};
     std::array<double, 2> sizes{};
     grids::max_abs(both, sizes);
@@ -572,10 +581,12 @@ bool EulerBoxMap::is_rounding(const LocalSolve& solve, double h, const grids::Fi
   evaluate(fields);
   std::ranges::copy(outputs_.field(1 + solve.row), row_.field(0).begin());
   add_differences(solve.row, fields);
-  const auto row = std::as_const(row_).field(0);
+  const auto row = row_.field(0);
   const auto values = fields.field(solve.field), old = before.field(solve.field);
-  const double left =
-      grids::max_abs_of(row.size(), [&](std::size_t i) { return row[i] + solve.rate / h * (values[i] - old[i]); });
+  add(solve.rate / h, values, row);
+  add(-solve.rate / h, old, row);
+  clear_ghosts(row);
+  const double left = grids::max_abs(std::as_const(row_).field(0));
 
   double terms = grids::max_abs(std::as_const(outputs_).field(1 + solve.row)) +
                  std::abs(solve.rate / h) * (grids::max_abs(values) + grids::max_abs(old));

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -120,6 +121,7 @@ private:
   void add_differences(int row, const grids::FieldSet& fields);
   void kick(const Kick& kick, double h, grids::FieldSet& fields, std::size_t begin, std::size_t end) const;
   void kick_and_renew(const Kick& entry, double h, grids::FieldSet& fields) const;
+  void clear_ghosts(std::span<double> values) const;
   void correct(const LocalSolve& solve, const double* varying, double h, const grids::FieldSet& before,
                grids::FieldSet& fields);
   [[nodiscard]] bool is_rounding(const LocalSolve& solve, double h, const grids::FieldSet& before,
@@ -143,6 +145,7 @@ private:
   std::vector<Turn> turns_;       ///< made with the first step
   NodePass energy_;               ///< as this, with the first level
   std::vector<std::pair<int, std::size_t>> held_;  ///< fields that are iterated, and nodes on walls that hold them
+  std::vector<grids::NodeRange> ghosts_;           ///< of walls
   Halo halo_;
   int evaluations_ = 0;
 };

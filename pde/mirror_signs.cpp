@@ -113,7 +113,7 @@ std::vector<std::pair<int, std::size_t>> FieldMirrors::held(const grids::Grid& g
       const std::size_t at = place[static_cast<std::size_t>(a)];
       const int fields = axis.is_on_wall(at) ? static_cast<int>(offsets_[static_cast<std::size_t>(a)].size()) : 0;
       for (int f = 0; f < fields; ++f) {
-        if (offset(a, f) == 0 && sign(a, f, at == axis.wall(false) ? axis.left : axis.right) < 0) {
+        if (offset(a, f) == 0 && sign(a, f, axis.is_on_wall(at, false) ? axis.left : axis.right) < 0) {
           held.emplace_back(f, node);
         }
       }
@@ -130,7 +130,9 @@ std::vector<PlaceNumbers> FieldMirrors::loose(const grids::Grid& grid, int field
     const std::vector<double> free = numbers.values;
     for (const bool is_right : {false, true}) {
       if (axis.ghosts > 0 && offset(a, field) == 0 && sign(a, field, is_right ? axis.right : axis.left) < 0) {
-        numbers.values[axis.wall(is_right)] = 0.0;
+        for (std::size_t i = 0; i < axis.cells; ++i) {
+          numbers.values[i] = axis.is_on_wall(i, is_right) ? 0.0 : numbers.values[i];
+        }
       }
     }
     if (numbers.values != free) {

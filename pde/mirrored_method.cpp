@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <memory>
 #include <optional>
+#include <stdexcept>
 #include <utility>
 
 #include <fmt/format.h>
@@ -11,6 +13,7 @@
 #include <rubato/formula/batch.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/reductions.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/initial_agreement.hpp>
 #include <rubato/pde/mirrors.hpp>
 #include <rubato/pde/node_derivative.hpp>
@@ -33,10 +36,28 @@ NodeEnergy between_walls(NodeEnergy node, double copies) {
   return {node.energy / copies, node.gamma / copies};
 }
 
+/// What is on the ring: while a function of it is called this thread's reductions are those there.
+template <class T>
+class OnRing {
+public:
+  OnRing(const Mirrors& mirrors, std::unique_ptr<T> object) : mirrors_(mirrors), object_(std::move(object)) {}
+
+  struct Call {
+    grids::Slab::Shared reductions;
+    T* object;
+    T* operator->() const { return object; }
+  };
+  [[nodiscard]] Call operator->() const { return {mirrors_.on_ring(), object_.get()}; }
+
+private:
+  Mirrors mirrors_;
+  std::unique_ptr<T> object_;
+};
+
 class MirroredScheme final : public LatticeScheme {
 public:
   MirroredScheme(const Mirrors& mirrors, std::unique_ptr<LatticeScheme> scheme, LatticeLevel first)
-      : mirrors_(mirrors), scheme_(std::move(scheme)), level_(std::move(first)), previous_{{}, level_.slopes} {
+      : mirrors_(mirrors), scheme_(mirrors, std::move(scheme)), level_(std::move(first)), previous_{{}, level_.slopes} {
     if (is_short()) {
       keeps_previous_ = true;
       previous_.fields = FieldSet(level_.fields.fields(), mirrors.grid().size());
@@ -143,7 +164,7 @@ private:
   [[nodiscard]] bool is_short() const { return mirrors_.is_short(); }
 
   Mirrors mirrors_;
-  std::unique_ptr<LatticeScheme> scheme_;
+  OnRing<LatticeScheme> scheme_;
   mutable LatticeLevel level_, previous_;  ///< the second of the short ring alone, where `scheme_` has one
   mutable bool level_is_current_ = true, previous_is_current_ = false;
   bool keeps_previous_ = false;
@@ -157,7 +178,7 @@ public:
                       std::unique_ptr<ConstrainedFields> of_ring)
       : mirrors_(mirrors),
         is_found_(system.structure().algebraic),
-        of_ring_(std::move(of_ring)),
+        of_ring_(mirrors, std::move(of_ring)),
         ring_{FieldSet(system.field_count(), mirrors.ring().size()), {}} {}
 
   [[nodiscard]] Status find(LatticeLevel& level) override {
@@ -179,7 +200,7 @@ public:
 private:
   Mirrors mirrors_;
   std::vector<bool> is_found_;
-  std::unique_ptr<ConstrainedFields> of_ring_;
+  OnRing<ConstrainedFields> of_ring_;
   LatticeLevel ring_;
 };
 
@@ -190,7 +211,7 @@ public:
       : StepEquation(first.fields.fields(), mirrors.grid().size()),
         mirrors_(mirrors),
         driven_(std::move(driven)),
-        equation_(std::move(equation)),
+        equation_(mirrors, std::move(equation)),
         before_(mirrors.extended(first)),
         after_(before_) {
     // What else is held follows from these, along a wall as within.
@@ -205,11 +226,13 @@ public:
   }
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     take(before, after);
-    return taken(equation_->judge(before_, after_, h), before, after, h);
+    const StepLaw law = equation_->judge(before_, after_, h);
+    return taken(law, before, after, h);
   }
   [[nodiscard]] StepLaw measure(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     take(before, after);
-    return taken(equation_->measure(before_, after_, h), before, after, h);
+    const StepLaw law = equation_->measure(before_, after_, h);
+    return taken(law, before, after, h);
   }
 
 private:
@@ -236,7 +259,7 @@ private:
 
   Mirrors mirrors_;
   std::optional<DrivenNodes> driven_;
-  std::unique_ptr<StepEquation> equation_;
+  OnRing<StepEquation> equation_;
   LatticeLevel before_, after_;
   std::vector<std::pair<int, std::size_t>> held_;  ///< of fields with an equation of motion
 };
@@ -251,7 +274,7 @@ public:
       : mirrors_(mirrors),
         driven_(std::move(driven)),
         tables_(std::move(tables)),
-        laws_(std::move(laws)),
+        laws_(mirrors, std::move(laws)),
         coordinates_(tables_.system, mirrors.ring(), Within::node),
         before_{FieldSet(tables_.d, mirrors.ring().size()), {}},
         after_(before_),
@@ -339,9 +362,10 @@ private:
     for (int f = 0; f < tables_.d; ++f) {
       for (int a = 0; a < mirrors_.grid().dimensions(); ++a) {
         const int offset = mirrors_.offset(a, f);
-        if (const auto stride = static_cast<std::ptrdiff_t>(mirrors_.ring().stride(a)); offset != 0) {
-          each_within(stride, after_.fields.field(f), at_nodes_.field(f).data(),
-                      [&](const double* here) { return 0.5 * (here[0] + here[-offset * stride]); });
+        if (offset != 0) {
+          each_along(
+              a, after_.fields.field(f), at_nodes_.field(f).data(),
+              [&](double before, double here, double after) { return 0.5 * (here + (offset > 0 ? before : after)); });
         }
       }
     }
@@ -351,21 +375,25 @@ private:
       (*spectral_)(axis, rows, out);
       return;
     }
-    const auto stride = static_cast<std::ptrdiff_t>(mirrors_.ring().stride(axis));
     const double inverse = 1.0 / mirrors_.ring().spacing(axis);
     for (std::size_t r = 0; r < rows.size(); ++r) {
       const int offset = mirrors_.offset(axis, differentiated_[r]);
-      const std::span<const double> in(rows[r], mirrors_.ring().size());
       const double factor = offset == 0 ? 0.5 * inverse : inverse;
-      const std::ptrdiff_t next = offset > 0 ? 0 : stride, last = offset < 0 ? 0 : -stride;
-      each_within(stride, in, out[r], [&](const double* here) { return factor * (here[next] - here[last]); });
+      each_along(axis, {rows[r], mirrors_.ring().size()}, out[r], [&](double before, double here, double after) {
+        return factor * ((offset > 0 ? here : after) - (offset < 0 ? here : before));
+      });
     }
   }
-  /// out = of(in) where a neighbour so far on both sides is there.
+  /// out = of(the value before, here, after) along an axis, which closes.
   template <class Of>
-  static void each_within(std::ptrdiff_t stride, std::span<const double> in, double* out, const Of& of) {
-    for (auto node = stride; node < std::ssize(in) - stride; ++node) {
-      out[node] = of(in.data() + node);
+  void each_along(int axis, std::span<const double> in, double* out, const Of& of) const {
+    const std::size_t stride = mirrors_.ring().stride(axis), cells = mirrors_.ring().cells(axis);
+    const std::size_t around = (cells - 1) * stride;
+    for (std::size_t node = 0; node < in.size(); ++node) {
+      const std::size_t place = node / stride % cells;
+      const std::size_t before = place > 0 ? node - stride : node + around;
+      const std::size_t after = place + 1 < cells ? node + stride : node - around;
+      out[node] = of(in[before], in[node], in[after]);
     }
   }
 
@@ -382,7 +410,7 @@ private:
   Mirrors mirrors_;
   std::optional<DrivenNodes> driven_;
   LawTables tables_;
-  std::unique_ptr<LawEvaluator> laws_;
+  OnRing<LawEvaluator> laws_;
   std::optional<NodeDerivative> spectral_;  ///< on the ring of mirrors
   PlacedCoordinates coordinates_;
   std::vector<int> differentiated_;  ///< fields, the rows of every Λ₊
@@ -409,7 +437,28 @@ public:
   }
   [[nodiscard]] bool laws_in_cells() const override { return method_->laws_in_cells(); }
   [[nodiscard]] std::optional<Collocation> in_mirror() const override { return collocation_; }
-  [[nodiscard]] std::string_view not_shared_in(int) const override { return "walls are for one process"; }
+  [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
+    return collocation_ == Collocation::corners
+               ? method_->not_shared_in(dimensions)
+               : "between walls its fields go on in mirrors, on a ring that one process has";
+  }
+  /// Beside a wall each rank has the mirror images of all ghosts; and none is that of nodes beyond the next one.
+  [[nodiscard]] std::vector<std::size_t> parts(const MultisymplecticSystem& system, const grids::Grid& whole, double,
+                                               int ranks) const override {
+    const grids::Axis& axis = whole.axes().back();
+    const grids::Ghosts of_ranks = method_->ghosts(system);
+    const std::size_t least = 2 * (method_->wall_ghosts(system) + std::max(of_ranks.before, of_ranks.after));
+    if (axis.has_walls() && axis.cells / static_cast<std::size_t>(ranks) < least) {
+      throw std::invalid_argument(
+          fmt::format("{} ranks cannot share {} nodes between walls along {}, of which each needs {}: start fewer",
+                      ranks, axis.cells, axis.name, least));
+    }
+    return {};
+  }
+  /// Data are compared with what whole walls hold.
+  [[nodiscard]] bool begins_in_parts(const MultisymplecticSystem&, const std::vector<bool>&) const override {
+    return false;
+  }
   /// That of the ring.
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return method_->action(system);
@@ -453,25 +502,30 @@ public:
   [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
                                                                       const grids::Grid& grid) const override {
     const Mirrors mirrors = mirrors_of(system, grid);
+    const auto reductions = mirrors.on_ring();
     return std::make_unique<MirroredConstraints>(mirrors, system, method_->constrained_fields(system, mirrors.ring()));
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
     const Mirrors mirrors = mirrors_of(system, grid);
+    const auto reductions = mirrors.on_ring();
     auto scheme = method_->scheme(system, mirrors.ring(), mirrors.extended(first), first_step);
     return std::make_unique<MirroredScheme>(mirrors, std::move(scheme), std::move(first));
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
     const Mirrors mirrors = mirrors_of(tables.system, tables.grid);
-    auto laws = method_->laws(LawTables(tables.system, mirrors.ring(), tables.symmetries));
     auto driven = driven_nodes(tables.system, tables.grid);
+    const auto reductions = mirrors.on_ring();
+    auto laws = method_->laws(LawTables(tables.system, mirrors.ring(), tables.symmetries));
     return std::make_unique<MirroredLaws>(mirrors, std::move(driven), std::move(tables), std::move(laws));
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
     const Mirrors mirrors = mirrors_of(system, grid);
+    auto driven = driven_nodes(system, grid);
+    const auto reductions = mirrors.on_ring();
     return std::make_unique<MirroredEquation>(
-        system, mirrors, driven_nodes(system, grid),
+        system, mirrors, std::move(driven),
         method_->equation(system, mirrors.ring(), mirrors.extended(first), first_step), first);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem&, const grids::Grid&) const override {
@@ -480,7 +534,7 @@ public:
 
 private:
   [[nodiscard]] Mirrors mirrors_of(const MultisymplecticSystem& system, const grids::Grid& grid) const {
-    return {system, grid, collocation_, method_->wall_ghosts(system)};
+    return {system, grid, collocation_, method_->wall_ghosts(system), method_->ghosts(system)};
   }
 
   [[nodiscard]] std::optional<DrivenNodes> driven_nodes(const MultisymplecticSystem& system,

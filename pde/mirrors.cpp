@@ -45,15 +45,17 @@ grids::Axis with_ghosts(const grids::Axis& axis, std::size_t ghosts) {
 }  // namespace
 
 Mirrors::Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-                 std::size_t ghosts)
+                 std::size_t ghosts, grids::Ghosts of_ranks)
     : grid_(grid), ring_(grid), mirrors_(system, grid, collocation) {
+  const grids::Slab* const between = grids::Slab::of(grid);
   std::vector<grids::Axis> axes;
-  for (int a = 0; a < grid.dimensions(); ++a) {
-    const grids::Axis& axis = grid.axis(a);
+  for (const grids::Axis& axis : between == nullptr ? grid.axes() : between->whole().axes()) {
+    const int a = static_cast<int>(axes.size());
     if (!axis.has_walls()) {
       axes.push_back(axis);
     } else if (ghosts > 0) {
       axes.push_back(with_ghosts(axis, ghosts));
+      first_.at(static_cast<std::size_t>(a)) = ghosts;
     } else {
       bool is_mixed = false;
       for (int f = 0; f < system.field_count(); ++f) {
@@ -64,11 +66,27 @@ Mirrors::Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, C
     }
   }
   ring_ = grids::Grid(std::move(axes));
+  if (between != nullptr) {
+    share_ring(*between, of_ranks);
+  }
   if (ghosts > 0) {
     ghosts_.emplace(mirrors_, ring_);
   }
   held_ = mirrors_.held(grid_);
   held_values_.resize(held_.size());
+}
+
+/// A rank has the same nodes of the ring as of the space between the walls, and beside a wall its ghosts.
+void Mirrors::share_ring(const grids::Slab& between, grids::Ghosts of_ranks) {
+  std::size_t& first = first_.at(static_cast<std::size_t>(ring_.dimensions() - 1));
+  std::vector<std::size_t> parts{0};
+  for (int rank = 1; rank < between.ranks(); ++rank) {
+    parts.push_back(between.first_plane(rank) + first);
+  }
+  parts.push_back(ring_.axes().back().cells);
+  slab_ = std::make_shared<grids::Slab>(between.communicator(), ring_, of_ranks, std::move(parts));
+  ring_ = slab_->grid();
+  first = of_ranks.before + (between.leads() ? first : 0);
 }
 
 /// Continues what stands at the first places of an axis to its end; a place is a block of values.
@@ -135,6 +153,9 @@ void Mirrors::extend(const grids::FieldSet& between, grids::FieldSet& ring) cons
   for (int f = 0; f < between.fields(); ++f) {
     extend(f, between.field(f), ring.field(f));
   }
+  if (slab_ != nullptr) {
+    slab_->refresh(ring);
+  }
 }
 
 LatticeLevel Mirrors::extended(const LatticeLevel& between) const {
@@ -168,14 +189,10 @@ LatticeLevel Mirrors::extended_without_slope(const LatticeLevel& between) const 
 
 template <class Use>
 void Mirrors::for_each_line(const Use& use) const {
-  std::array<std::size_t, 3> ghosts{};
-  for (int a = 0; a < ring_.dimensions(); ++a) {
-    ghosts[static_cast<std::size_t>(a)] = ring_.axis(a).ghosts;
-  }
   const std::size_t n = grid_.cells(0), lines = grid_.size() / n;
   for (std::size_t line = 0; line < lines; ++line) {
     const auto [_, j, k] = grid_.place(line * n);
-    use(line * n, ring_.index(ghosts[0], j + ghosts[1], k + ghosts[2]));
+    use(line * n, ring_.index(first_[0], j + first_[1], k + first_[2]));
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +11,7 @@
 
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
+#include <rubato/grids/slab.hpp>
 #include <rubato/pde/initial_level.hpp>
 #include <rubato/pde/mirror_signs.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
@@ -26,16 +28,22 @@ namespace rubato {
 ///
 /// Schemes whose nodes read few neighbours take the short ring: the nodes between the walls, and beyond them no more of
 /// the mirrors than a step reads (WallGhosts), so that nodes within never meet its seam. Both walls may hold different
-/// values there, and S need not be the same in the mirror.
+/// values there, and S need not be the same in the mirror. Where ranks share the space between the walls they share the
+/// short ring as well: a rank next to a wall has the ghosts of that, too.
 class Mirrors {
 public:
   /// \param collocation of the scheme \param ghosts beyond each wall of the short ring; 0: the ring of mirrors
+  /// \param of_ranks the ghosts of its parts, where `grid` is the part of a rank
   /// \throws SchemeRefusal as MirrorSigns
-  Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation,
-          std::size_t ghosts = 0);
+  Mirrors(const MultisymplecticSystem& system, const grids::Grid& grid, Collocation collocation, std::size_t ghosts = 0,
+          grids::Ghosts of_ranks = {});
 
   [[nodiscard]] const grids::Grid& grid() const { return grid_; }
   [[nodiscard]] const grids::Grid& ring() const { return ring_; }
+  /// While it lives this thread's reductions are those of the ring, where ranks share it.
+  [[nodiscard]] grids::Slab::Shared on_ring() const {
+    return grids::Slab::Shared(slab_ == nullptr ? grids::Slab::present() : slab_.get());
+  }
   [[nodiscard]] bool is_short() const { return ghosts_.has_value(); }
   /// How often the space between the walls is in the ring, for sums over it; of the short one they are 1.
   [[nodiscard]] double copies() const { return copies_; }
@@ -44,7 +52,9 @@ public:
   /// As FieldMirrors has it.
   [[nodiscard]] int offset(int axis, int field) const { return mirrors_.offset(axis, field); }
 
+  /// Of one field. Of ranks each has what it owns, and no more.
   void extend(int field, std::span<const double> between, std::span<double> ring) const;
+  /// Collective where ranks share the ring.
   void extend(const grids::FieldSet& between, grids::FieldSet& ring) const;
   [[nodiscard]] LatticeLevel extended(const LatticeLevel& between) const;
   /// The same of a level without the straight lines between two walls that hold a field at different values, on which
@@ -58,12 +68,15 @@ public:
   void restrict_within(const grids::FieldSet& ring, grids::FieldSet& between) const;
 
 private:
+  void share_ring(const grids::Slab& between, grids::Ghosts of_ranks);
   void extend_blocks(int axis, int field, std::size_t block, std::span<double> values) const;
   /// Calls use(in between, in the ring) with the first nodes of each line between the walls.
   template <class Use>
   void for_each_line(const Use& use) const;
 
   grids::Grid grid_, ring_;
+  std::shared_ptr<const grids::Slab> slab_;  ///< of the short ring, where ranks share it
+  std::array<std::size_t, 3> first_{};       ///< the node of ring_ at which that of grid_ begins, along each axis
   FieldMirrors mirrors_;
   std::optional<WallGhosts> ghosts_;  ///< of the short ring
   double copies_ = 1.0;

@@ -50,7 +50,7 @@ DrivenNodes::DrivenNodes(std::shared_ptr<const WallDrives> drives, const Multisy
     }
     evaluate_.emplace_back(drive.code);
     for (std::size_t node = 0; node < grid.size(); ++node) {
-      const bool is_there = grid.place(node).at(static_cast<std::size_t>(drive.axis)) == axis.wall(drive.is_right);
+      const bool is_there = axis.is_on_wall(grid.place(node).at(static_cast<std::size_t>(drive.axis)), drive.is_right);
       const double weight = is_there ? grid.weight(node) : 0.0;
       if (weight > 0.0 && taken.emplace(drive.field, node).second) {
         nodes_.push_back({number, node, weight, drive.field, *row});

@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include <rubato/grids/field_set.hpp>
@@ -16,7 +15,8 @@ namespace rubato {
 ///
 ///     z_f(-x) = z_f(x) where r_f = 1,    z_f(-x) = 2 z_f(0) - z_f(x) where r_f = -1,
 ///
-/// and -z_f(x) of fields between nodes, which have no value on the wall.
+/// and -z_f(x) of fields between nodes, which have no value on the wall. Of a rank's part all nodes beyond a wall are
+/// such ghosts. Hypothesis: it has as many within.
 class WallGhosts {
 public:
   WallGhosts(const FieldMirrors& mirrors, const grids::Grid& grid);
@@ -31,12 +31,12 @@ public:
   }
   ///@}
   /// The ghosts and the nodes on walls, which read them, as ranges of nodes that follow each other.
-  [[nodiscard]] std::span<const std::pair<std::size_t, std::size_t>> ranges() const { return ranges_; }
+  [[nodiscard]] std::span<const grids::NodeRange> ranges() const { return ranges_; }
 
 private:
   FieldMirrors mirrors_;
   grids::Grid grid_;
-  std::vector<std::pair<std::size_t, std::size_t>> ranges_;
+  std::vector<grids::NodeRange> ranges_;
 };
 
 }  // namespace rubato

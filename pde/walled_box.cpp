@@ -20,7 +20,9 @@ public:
 
   [[nodiscard]] bool has_variational_laws() const override { return false; }
   [[nodiscard]] bool laws_in_cells() const override { return true; }
-  [[nodiscard]] std::string_view not_shared_in(int) const override { return "walls are for one process"; }
+  [[nodiscard]] std::string_view not_shared_in(int) const override {
+    return "between walls one process solves all cells";
+  }
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return box_action(system);
   }

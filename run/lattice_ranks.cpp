@@ -32,12 +32,13 @@ namespace {
                                  ranks, reason));
 }
 
-/// In so many dimensions: "euler-box", …
-std::string methods_to_share(int dimensions) {
+/// On such a grid: "euler-box", …
+std::string methods_to_share(const grids::Grid& grid) {
+  const int dimensions = grid.dimensions();
   std::vector<std::string> names;
   for (const LatticeMethodEntry& entry : lattice_methods()) {
     const LatticeMethodChoice choice{.name = std::string(entry.name)};
-    if (make_lattice_method(choice)->not_shared_in(dimensions).empty()) {
+    if (make_lattice_method(choice, grid)->not_shared_in(dimensions).empty()) {
       names.push_back(
           fmt::format("\"{}\"{}", entry.name, entry.has_stages && dimensions == 1 ? " with one stage" : ""));
     }
@@ -185,7 +186,8 @@ void refuse_unshared(const Problem& problem, const RunOptions& options) {
   const int dimensions = static_cast<int>(pde->axes.size());
   if (const auto reason = make_method(problem)->not_shared_in(dimensions); !reason.empty()) {
     refuse_sharing(scheme, ranks,
-                   fmt::format("{}; a line is shared with lagrangian = {}", reason, methods_to_share(dimensions)));
+                   fmt::format("{}; a {} is shared with lagrangian = {}", reason, dimensions == 1 ? "line" : "lattice",
+                               methods_to_share(make_grid(problem))));
   }
 }
 

@@ -20,10 +20,12 @@ namespace rubato {
 
 namespace {
 
+/// For measures, which ranks do not take.
 std::optional<Mirrors> make_mirrors(const LatticeIntegrator& lattice) {
-  return lattice.grid().has_walls() ? std::optional<Mirrors>(std::in_place, lattice.system(), lattice.grid(),
-                                                             lattice.method().in_mirror().value_or(Collocation::nodes))
-                                    : std::nullopt;
+  const bool are_read = lattice.grid().has_walls() && grids::Slab::present() == nullptr;
+  return are_read ? std::optional<Mirrors>(std::in_place, lattice.system(), lattice.grid(),
+                                           lattice.method().in_mirror().value_or(Collocation::nodes))
+                  : std::nullopt;
 }
 
 class LatticeSimulation final : public Simulation {

@@ -8,6 +8,7 @@
 
 #include <rubato/formula/expression.hpp>
 #include <rubato/grids/field_set.hpp>
+#include <rubato/grids/grid.hpp>
 #include <rubato/variation/node_code.hpp>
 
 namespace rubato {
@@ -60,8 +61,7 @@ public:
 
   /// Of the upper level, at these ranges of nodes alone, where it has changed.
   template <class Read>
-  void renew(const grids::FieldSet& level, std::span<const std::pair<std::size_t, std::size_t>> ranges,
-             const Read& read) {
+  void renew(const grids::FieldSet& level, std::span<const grids::NodeRange> ranges, const Read& read) {
     if (upper_.fields() > 0) {
       read(code_, level);
       for (const auto& [begin, end] : ranges) {

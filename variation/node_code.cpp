@@ -276,12 +276,10 @@ formula::Expression NodeFormulas::between_walls(formula::Expression term, const 
       continue;
     }
     const int twice = middle.at(static_cast<std::size_t>(a)), odd = twice & 1;
-    const std::size_t left = axis.wall(false), right = axis.wall(true);
     PlaceNumbers part{a, std::vector<double>(axis.cells, 0.0)};
-    std::fill(part.values.begin() + static_cast<std::ptrdiff_t>(left),
-              part.values.begin() + static_cast<std::ptrdiff_t>(right), 1.0);
-    if (odd == 0) {
-      part.values[left] = part.values[right] = 0.5;
+    for (std::size_t i = 0; i < axis.cells; ++i) {
+      const bool is_within = !axis.is_ghost(i) && (odd == 0 || !axis.is_on_wall(i, true));
+      part.values[i] = !is_within ? 0.0 : odd == 0 && axis.is_on_wall(i) ? 0.5 : 1.0;
     }
     term = along_axis(part, (twice - odd) / 2) * term;
   }

@@ -19,7 +19,7 @@ constexpr std::size_t least_share = 2;
 
 NodePass::NodePass(const grids::Grid& grid) : nodes_(grid.size()), slab_(grids::Slab::of(grid)) {
   if (grid.has_ghosts()) {
-    with_ghosts_ = grid;
+    ghosts_ = grids::ranges_where(grid, [&](std::size_t node) { return grid.weight(node) == 0.0; });
   }
 }
 
@@ -60,27 +60,11 @@ std::size_t NodePass::blocks() const {
 
 /// Of values from node `begin` on: those of ghosts become 0, whatever they are.
 void NodePass::clear_ghosts(std::span<double> values, std::size_t begin) const {
-  const grids::Grid& grid = *with_ghosts_;
-  const std::size_t n = grid.cells(0), outside = grid.axis(0).ghosts;
-  for (std::size_t done = 0; done < values.size();) {
-    const auto [place, row, layer] = grid.place(begin + done);
-    const std::size_t count = std::min(n - place, values.size() - done);
-    const auto is_ghost = [&](int axis, std::size_t at) {
-      return axis < grid.dimensions() && grid.axis(axis).is_ghost(at);
-    };
-    const std::span<double> line = values.subspan(done, count);
-    if (is_ghost(1, row) || is_ghost(2, layer)) {
-      std::ranges::fill(line, 0.0);
-    } else {
-      const auto clear = [&](std::size_t from, std::size_t to) {
-        for (std::size_t i = std::max(from, place); i < std::min(to, place + count); ++i) {
-          line[i - place] = 0.0;
-        }
-      };
-      clear(0, outside);
-      clear(n - outside, n);
-    }
-    done += count;
+  const std::size_t end = begin + values.size();
+  for (auto range = std::ranges::upper_bound(ghosts_, begin, {}, &grids::NodeRange::end);
+       range != ghosts_.end() && range->begin < end; ++range) {
+    const std::size_t from = std::max(range->begin, begin);
+    std::ranges::fill(values.subspan(from - begin, std::min(range->end, end) - from), 0.0);
   }
 }
 
@@ -92,9 +76,7 @@ void NodePass::evaluate(Stage& stage, std::size_t thread, std::size_t begin, std
   }
   stage.code.evaluate(thread, begin, end, stage.out, std::span(values).first(stage.sums));
   for (std::size_t k = 0; k < stage.sums && sums != nullptr; ++k) {
-    if (with_ghosts_) {
-      clear_ghosts({values[k], end - begin}, begin);
-    }
+    clear_ghosts({values[k], end - begin}, begin);
     grids::LaneSum sum;
     sum.add(std::span<const double>(values[k], end - begin));
     sums[stage.first_sum + k] = sum.total();

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstddef>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -69,7 +68,7 @@ private:
 
   std::size_t nodes_ = 0;
   const grids::Slab* slab_ = nullptr;
-  std::optional<grids::Grid> with_ghosts_;  ///< the grid, where it has ghosts of walls
+  std::vector<grids::NodeRange> ghosts_;  ///< of walls
   std::vector<Stage> stages_;
   std::vector<grids::Buffer> scratch_;     ///< one for each thread: a block of each output that is not written
   std::vector<CompensatedSum> of_blocks_;  ///< [block][sum]

@@ -19,6 +19,7 @@
 #include <rubato/run/check.hpp>
 
 #include "run/mailboxes.hpp"
+#include "run/problem_texts.hpp"
 #include "run/records.hpp"
 #include "run/shared_lattices.hpp"
 
@@ -27,52 +28,6 @@ using namespace rubato::run_tests;
 using Catch::Contains;
 
 namespace {
-
-enum class Continued { all, last };
-
-/// Compares runs of a problem on ranks with that of one process: record, tables, checks, and what is continued on
-/// another number of ranks: of all, or of the last of `sizes` alone. `make(more)` states the problem, with more
-/// settings.
-template <typename Make>
-void check_shared_run(const Folder& folder, const Make& make, const std::string& sooner, const std::vector<int>& sizes,
-                      bool tangents = false, Continued continue_by = Continued::all) {
-  const Problem whole = make({}), part = make({"scheme.until=" + sooner});
-  const std::string alone = folder / "one.h5", shared = folder / "all.h5", continued = folder / "part.h5";
-  const Outcome one = run(whole, {.output = alone, .overwrite = true, .threads = 1, .tangents = tangents});
-  REQUIRE(one.status == ExitStatus::done);
-  const Outcome sound = check(alone);
-  REQUIRE(sound.status == ExitStatus::done);
-  const auto shared_by = [&](auto& rank, const std::string& file) {
-    RunOptions options = on(rank, file);
-    options.tangents = tangents;
-    return options;
-  };
-  std::string ended = alone;
-  if (!whole.scheme.step) {  // which is another one for a run that ends sooner
-    ended = folder / "ended.h5";
-    static_cast<void>(run(part, {.output = ended, .overwrite = true, .threads = 1}));
-    static_cast<void>(resume(ended, whole.scheme.until, {.threads = 1}));
-  }
-  for (const int size : sizes) {
-    INFO(size << " ranks");
-    const Outcome all = with_ranks(size, [&](auto& rank) { return run(whole, shared_by(rank, shared)); });
-    CHECK(all.status == ExitStatus::done);
-    CHECK(different_on_ranks(alone, shared) == Names{});
-    CHECK(differences_on_ranks(one, all) == Names{});
-    CHECK(all.warnings == one.warnings);
-    const Outcome checked = with_ranks(size, [&](auto& rank) { return check(alone, {.ranks = &rank}); });
-    CHECK(to_json(checked) == to_json(sound));
-    if (continue_by == Continued::last && size != sizes.back()) {
-      continue;
-    }
-    static_cast<void>(with_ranks(size, [&](auto& rank) { return run(part, shared_by(rank, continued)); }));
-    const Outcome resumed = with_ranks(size == 2 ? 1 : 2, [&](auto& rank) {
-      return resume(continued, whole.scheme.until, {.threads = 1, .ranks = &rank});
-    });
-    CHECK(resumed.status == ExitStatus::done);
-    CHECK(different_on_ranks(ended, continued) == Names{});
-  }
-}
 
 /// A record that is falsified is found out by ranks as by one process.
 void check_found_by_ranks(const std::string& file, const std::string& dataset, std::size_t index, double change) {
@@ -85,11 +40,6 @@ void check_found_by_ranks(const std::string& file, const std::string& dataset, s
     CHECK(to_json(all) == to_json(one));
     CHECK(all.message == one.message);
   }
-}
-
-Settings joined(Settings first, const Settings& more) {
-  first.insert(first.end(), more.begin(), more.end());
-  return first;
 }
 
 /// The largest difference of two datasets, by the largest value of the first.
