@@ -442,7 +442,8 @@ public:
                ? method_->not_shared_in(dimensions)
                : "between walls its fields go on in mirrors, on a ring that one process has";
   }
-  /// Beside a wall each rank has the mirror images of all ghosts; and none is that of nodes beyond the next one.
+  /// A rank beside a wall has the nodes within that are mirrored in all its ghosts, and no ghosts reach beyond the next
+  /// rank.
   [[nodiscard]] std::vector<std::size_t> parts(const MultisymplecticSystem& system, const grids::Grid& whole, double,
                                                int ranks) const override {
     const grids::Axis& axis = whole.axes().back();
