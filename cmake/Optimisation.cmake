@@ -16,7 +16,7 @@ set(rubato_sources_loops
   record/checksum.cpp)
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once
-  formula/batch_program.cpp formula/branches.cpp formula/bytecode.cpp formula/differentiate.cpp formula/executable_memory.cpp formula/expression.cpp
+  formula/batch_program.cpp formula/branches.cpp formula/bytecode.cpp formula/changed_term.cpp formula/differentiate.cpp formula/executable_memory.cpp formula/expression.cpp
   formula/language.cpp formula/loop.cpp formula/loop_builder.cpp formula/loop_program.cpp formula/machine_code.cpp formula/operand.cpp formula/parse.cpp formula/parse_error.cpp formula/partials.cpp formula/reachable.cpp
   formula/single_assignment.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp formula/transform.cpp
   solve/cyclic_sparse.cpp   # a fallback for rare systems, and most of a large library

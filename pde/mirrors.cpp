@@ -2,13 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include <rubato/formula/branches.hpp>
-#include <rubato/formula/sum.hpp>
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/random_points.hpp>
 
@@ -217,33 +214,19 @@ void Mirrors::restrict_within(const grids::FieldSet& ring, grids::FieldSet& betw
   }
 }
 
-std::optional<ChangedTerm> find_changed_term(const MultisymplecticSystem& system, std::span<const int> signs,
-                                             std::span<const double> centre) {
-  std::vector<formula::Expression> terms = formula::terms_of(system.expression(), formula::Products::expanded);
-  terms.push_back(system.expression());
-  std::vector<formula::ScalarEvaluator> evaluators = formula::evaluators_on_branches(terms, system.variables());
-  std::size_t number = 0;
-  std::vector<double> before(terms.size()), after(terms.size());
+std::optional<formula::ChangedTerm> find_changed_term(const MultisymplecticSystem& system, std::span<const int> signs,
+                                                      std::span<const double> centre) {
+  formula::ImageTest test(system.expression(), system.variables());
   for (const PotentialSample& sample : samples_of(system, mirror_samples)) {
-    formula::ScalarEvaluator& evaluate = evaluators[number++ % evaluators.size()];
-    Eigen::VectorXd mirrored = sample.point;
+    const Eigen::VectorXd& point = sample.point;
+    Eigen::VectorXd mirrored = point;
     for (std::size_t f = 0; f < signs.size(); ++f) {
       const auto i = static_cast<Eigen::Index>(f);
       mirrored(i) = signs[f] > 0 ? mirrored(i) : 2.0 * centre[f] - mirrored(i);
     }
-    evaluate({sample.point.data(), static_cast<std::size_t>(sample.point.size())}, before);
-    evaluate({mirrored.data(), static_cast<std::size_t>(mirrored.size())}, after);
-    double size = 1.0, most = 0.0;
-    std::size_t worst = 0;
-    for (std::size_t term = 0; term + 1 < terms.size(); ++term) {
-      size += std::abs(before[term]) + std::abs(after[term]);
-      if (const double change = std::abs(after[term] - before[term]); change > most) {
-        most = change;
-        worst = term;
-      }
-    }
-    if (!(std::abs(after.back() - before.back()) <= same_in_mirror * size)) {
-      return ChangedTerm{formula::to_string(terms[worst]), before[worst], after[worst]};
+    const auto size = static_cast<std::size_t>(point.size());
+    if (auto changed = test.find_changed_term({point.data(), size}, {mirrored.data(), size}, same_in_mirror)) {
+      return changed;
     }
   }
   return std::nullopt;

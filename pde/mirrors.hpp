@@ -5,10 +5,10 @@
 #include <memory>
 #include <optional>
 #include <span>
-#include <string>
 #include <utility>
 #include <vector>
 
+#include <rubato/formula/changed_term.hpp>
 #include <rubato/grids/field_set.hpp>
 #include <rubato/grids/grid.hpp>
 #include <rubato/grids/slab.hpp>
@@ -85,14 +85,10 @@ private:
   mutable std::array<std::vector<double>, 3> extended_along_;  ///< but for the last axis with walls
 };
 
-/// A term of S that is not the same at z and in the mirror.
-struct ChangedTerm {
-  std::string term;
-  double before = 0.0, after = 0.0;
-};
 /// Looks at random z for a term that z_f -> 2 c_f - z_f changes, for the fields f whose sign is -1; nothing where S is
 /// the same.
-[[nodiscard]] std::optional<ChangedTerm> find_changed_term(const MultisymplecticSystem& system,
-                                                           std::span<const int> signs, std::span<const double> centre);
+[[nodiscard]] std::optional<formula::ChangedTerm> find_changed_term(const MultisymplecticSystem& system,
+                                                                    std::span<const int> signs,
+                                                                    std::span<const double> centre);
 
 }  // namespace rubato

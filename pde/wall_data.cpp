@@ -219,7 +219,7 @@ private:
     return value;
   }
 
-  [[noreturn]] void refuse(const WallPlace& wall, const ChangedTerm& changed) const {
+  [[noreturn]] void refuse(const WallPlace& wall, const formula::ChangedTerm& changed) const {
     throw SchemeRefusal(
         fmt::format("the {0} wall at {1} needs an S that is the same in the mirror there, and its term {2} changes "
                     "(from {3:.6g} to "

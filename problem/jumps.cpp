@@ -70,7 +70,7 @@ void check_jumps(const Problem& problem) {
         throw ProblemError(jump.location, fmt::format("{} cannot jump: {}", jump.field, reason));
       }
     }
-    const auto refuse = [&](const BrokenTerm& broken, const Location& location, std::string_view what) {
+    const auto refuse = [&](const formula::ChangedTerm& broken, const Location& location, std::string_view what) {
       std::vector<std::string> moves;
       std::ranges::transform(axis.jumps, std::back_inserter(moves), in_words);
       throw ProblemError(location,

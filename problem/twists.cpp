@@ -103,7 +103,8 @@ private:
   Eigen::MatrixXd turn_;
 };
 
-void refuse_broken(const BrokenTerm& broken, const GridAxis& axis, std::string_view what, const Location& location) {
+void refuse_broken(const formula::ChangedTerm& broken, const GridAxis& axis, std::string_view what,
+                   const Location& location) {
   throw ProblemError(
       location,
       fmt::format("{} has to be the same on both sides of the seam, and the turn by {} = {:.6g} "
