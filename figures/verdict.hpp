@@ -55,10 +55,12 @@ struct Measures {
   /// Of a run that failed, the time at which it ended, and that at which it should have.
   double end = none, end_wanted = none;
   /// Of a stated action, what its variation is off a row of the equation as steps and cells get smaller, relative to
-  /// the terms of the row; 0 where it approximates all of them (consistency_of).
+  /// the terms of the row; 0 where it approximates all of them (consistency_of, off_motion).
   double action = none;
   /// How far [initial] and S as functions of place are off what the grid holds of them (lost_between_nodes).
   double between_nodes = none;
+  /// The first level that a step over a pole of H leads to (PoleWatch).
+  double pole_t = none;
 
   [[nodiscard]] bool accepts(ReasonKind kind) const {
     return (static_cast<unsigned>(accepted) >> static_cast<unsigned>(kind) & 1U) != 0;
@@ -67,10 +69,10 @@ struct Measures {
   template <typename Self, typename Visitor>
   static void visit(Self& self, Visitor&& visitor) {
     for (auto* value :
-         {&self.accepted,   &self.pure_law, &self.energy,       &self.energy_t,       &self.turn,      &self.turn_t,
-          &self.turn_least, &self.waves,    &self.waves_t,      &self.rough,          &self.frozen,    &self.period,
-          &self.seam,       &self.seam_t,   &self.exact_start,  &self.exact_residual, &self.exchanged, &self.end,
-          &self.end_wanted, &self.action,   &self.between_nodes}) {
+         {&self.accepted,   &self.pure_law, &self.energy,        &self.energy_t,       &self.turn,      &self.turn_t,
+          &self.turn_least, &self.waves,    &self.waves_t,       &self.rough,          &self.frozen,    &self.period,
+          &self.seam,       &self.seam_t,   &self.exact_start,   &self.exact_residual, &self.exchanged, &self.end,
+          &self.end_wanted, &self.action,   &self.between_nodes, &self.pole_t}) {
       visitor(*value);
     }
   }

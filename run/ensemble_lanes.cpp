@@ -17,6 +17,7 @@
 #include <rubato/run/events.hpp>
 #include <rubato/run/last_rows.hpp>
 #include <rubato/run/orbit_levels.hpp>
+#include <rubato/run/pole_watch.hpp>
 #include <rubato/variation/run_span.hpp>
 
 namespace rubato {
@@ -48,7 +49,7 @@ bool is_plain_splitting(const Problem& problem) {
   return orbit != nullptr && !orbit->L && !orbit->next && !orbit->fictitious_time && !orbit->driven &&
          scheme.lagrangian == LagrangianName::splitting && scheme.levels == Levels::fixed && scheme.step &&
          !scheme.energy_tolerance && !scheme.tangents.any() && orbit->symmetries.empty() && !problem.output.any() &&
-         orbit->exact.empty() && (problem.laws.every <= 1 || orbit->invariants.empty());
+         orbit->exact.empty() && (problem.laws.every <= 1 || orbit->invariants.empty()) && !PoleWatch(problem).looks();
 }
 
 /// All that members side by side have to have in common, in words.

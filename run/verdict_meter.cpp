@@ -39,7 +39,7 @@ double fewest_steps_per_turn(int order) {
 }  // namespace
 
 VerdictMeter::VerdictMeter(const Problem& problem)
-    : dense_(density_of(problem)), stored_(std::numeric_limits<std::size_t>::max()) {
+    : dense_(density_of(problem)), stored_(std::numeric_limits<std::size_t>::max()), poles_(problem) {
   const auto stored = static_cast<std::size_t>(problem.output.states_every());
   if (problem.hamiltonian() == nullptr && stored >= lattice_density) {
     stored_ = stored;
@@ -56,6 +56,11 @@ bool VerdictMeter::samples(std::size_t number) const {
 }
 
 void VerdictMeter::add_level(Simulation& simulation, std::size_t number, double node_energy, double rounding) {
+  if (number > 0 && poles_.looks() && std::isnan(measures_.pole_t)) {
+    if (const OutputStep step = simulation.last(); poles_.crosses(step.z_0, step.z_1)) {
+      measures_.pole_t = step.end();
+    }
+  }
   if (samples(number)) {
     take(simulation, number, node_energy, rounding);
   }

@@ -6,14 +6,15 @@
 #include <rubato/figures/verdict.hpp>
 #include <rubato/problem/problem.hpp>
 #include <rubato/run/energy_exchange.hpp>
+#include <rubato/run/pole_watch.hpp>
 #include <rubato/run/simulation.hpp>
 
 namespace rubato {
 
 /// Takes the measures of the verdict along a run. It looks at a sample of the levels, so that its cost is small beside
 /// that of the steps: each of the first ones, fewer of a large system, then levels at distances in proportion to their
-/// number, and on a lattice all that are stored, if these are few. A lattice that ranks share is
-/// not measured: its verdict rests on the energy law alone.
+/// number, and on a lattice all that are stored, if these are few. Poles of H are looked for in every step. A lattice
+/// that ranks share is not measured: its verdict rests on the energy law alone.
 class VerdictMeter {
 public:
   explicit VerdictMeter(const Problem& problem);
@@ -39,6 +40,7 @@ private:
   std::size_t dense_;   ///< the first so many levels are all in the sample
   std::size_t stored_;  ///< and every n-th
   EnergyExchange energy_;
+  PoleWatch poles_;
   figures::Measures measures_;
 };
 
