@@ -118,35 +118,27 @@ protected:
     }
   }
 
-  /// \param more whether the scheme writes of its own what the fields do not say
-  void save_level(StateWriter& state, bool more = false) const {
+  void save_level(StateWriter& state) const {
     append_level();
     grids::save_whole(state, level_.fields);
     save_slopes(state, level_.slopes, grid_);
-    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding, static_cast<double>(size_age_),
-                               (here_ ? known_here : 0.0) + (more ? more_follows : 0.0) +
-                                   (size_is_short_ ? short_period : 0.0) + cancelled_follows,
-                               here_.value_or(0.0), size_of_energy_.cancelled}) {
-      state.write(value);
-    }
+    state.write(std::array{size_of_energy_.terms, size_of_energy_.rounding, size_of_energy_.cancelled,
+                           static_cast<double>(size_age_), size_is_short_ ? 1.0 : 0.0, here_ ? 1.0 : 0.0,
+                           here_.value_or(0.0)});
   }
-  /// \return whether what the scheme writes of its own follows: records of earlier versions may be without
-  bool restore_level(StateReader& state) {
+  void restore_level(StateReader& state) {
     grids::restore_whole(state, level_.fields);
     restore_slopes(state, level_.slopes, grid_);
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
+    state.read(size_of_energy_.cancelled);
     state.read(size_age_);
-    const auto flags = static_cast<unsigned>(state.read());
-    const auto take = [flags](double flag) { return (flags & static_cast<unsigned>(flag)) != 0; };
-    const double here = state.read();
-    size_of_energy_.cancelled = take(cancelled_follows) ? state.read() : 0.0;
+    state.read(size_is_short_);
     start_level();
-    if (take(known_here)) {
+    const bool is_known = state.read() != 0.0;
+    if (const double here = state.read(); is_known) {
       here_ = here;
     }
-    size_is_short_ = take(short_period);
-    return take(more_follows);
   }
 
   MultisymplecticSystem system_;
@@ -155,8 +147,6 @@ protected:
   std::vector<bool> at_midpoints_;
 
 private:
-  /// Flags of a saved level.
-  static constexpr double known_here = 1.0, more_follows = 2.0, short_period = 4.0, cancelled_follows = 8.0;
   /// A sum over stages, each with transforms of its own, rounds more than one sweep over the cells of a level.
   static constexpr double stage_rounding = 4.0;
 

@@ -243,11 +243,15 @@ void require_run(const Reader& reader) {
 }
 
 bool is_of_earlier_version(const Reader& reader) {
-  return reader.has(earlier_flags) || reader.has("/members/bridges/steps");
+  if (reader.has("/members/number")) {
+    return reader.has("/members/bridges/steps");
+  }
+  const std::string path = fmt::format("/checkpoint/{}", state_version_name);
+  return !reader.has(path) || reader.read(path) != std::vector{state_version};
 }
 
-void refuse_earlier_version(const Reader& reader, bool is_earlier) {
-  if (is_earlier) {
+void refuse_earlier_version(const Reader& reader) {
+  if (is_of_earlier_version(reader)) {
     throw Error(reader.file(),
                 "an earlier version wrote it, and this one cannot continue its run: run its problem again");
   }

@@ -11,11 +11,19 @@ namespace rubato::record {
 /// on it. Throws Error with the dataset.
 void require_run(const Reader& reader);
 
-/// True if an earlier version wrote the record: its steps cannot be taken again, nor its run be continued.
+/// What a checkpoint's states are made of, a number in the record: to be raised when a scheme saves what earlier
+/// versions did not, and cannot do without it.
+///@{
+inline constexpr const char* state_version_name = "state_version";
+inline constexpr double state_version = 1.0;
+///@}
+
+/// True if another version wrote the record, of other states: its steps cannot be taken again, nor its run be
+/// continued.
 [[nodiscard]] bool is_of_earlier_version(const Reader& reader);
 
-/// \throws Error if the run of the record cannot be continued, since an earlier version wrote it
-void refuse_earlier_version(const Reader& reader, bool is_earlier);
+/// \throws Error if it is
+void refuse_earlier_version(const Reader& reader);
 
 /// Returns the path of the flags of the steps off the law.
 [[nodiscard]] std::string off_law_path(const Reader& reader);

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include <rubato/base/interrupt.hpp>
+#include <rubato/record/run_shape.hpp>
 #include <rubato/run/gathering_sink.hpp>
 #include <rubato/run/recorder.hpp>
 #include <rubato/run/shared_rows.hpp>
@@ -262,7 +263,7 @@ bool restored(const record::Reader& reader, const record::Checkpoint& others, Ob
 CheckpointDisagreements check_checkpoint(const record::Reader& reader, const StoredLevels& levels,
                                          const figures::Names& names, ObservedRun& observed,
                                          const LatticeLeader* leader, Disagreements& findings) {
-  if (has_state_of_earlier_version(reader, observed)) {
+  if (record::is_of_earlier_version(reader)) {
     return {};
   }
   const record::Checkpoint checkpoint = reader.checkpoint(leader == nullptr ? "" : "state");

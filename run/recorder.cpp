@@ -39,6 +39,7 @@ record::Checkpoint others_of(const ObservedRun& observed, const figures::Measure
   checkpoint.emplace(figures::statistics_name, observed.statistics().values());
   checkpoint.emplace(figures::statistics_names_name, observed.statistics().names_text());
   checkpoint.emplace(figures::measures_name, figures::to_values(measures));
+  checkpoint.emplace(record::state_version_name, std::vector<double>{record::state_version});
   return checkpoint;
 }
 
@@ -93,15 +94,6 @@ record::CheckpointInParts make_checkpoint(const ObservedRun& observed, std::func
           .size = size_of_state(observed),
           .hand_over = hand_over,
           .others = [&observed, measures = std::move(measures)] { return others_of(observed, measures()); }};
-}
-
-bool has_state_of_earlier_version(const record::Reader& reader, const ObservedRun& observed) {
-  if (record::is_of_earlier_version(reader)) {
-    return true;
-  }
-  const std::string path = "/levels/gamma";
-  const double gamma = reader.rows(path) > 0 ? reader.read(path, 0, 1).front() : 0.0;
-  return !observed.simulation().has_gamma() && std::isfinite(gamma) && gamma != 0.0;  // 0 where energy has no slope
 }
 
 bool restore(const record::Checkpoint& checkpoint, ObservedRun& observed) {

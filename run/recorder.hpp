@@ -64,10 +64,6 @@ private:
 [[nodiscard]] record::CheckpointInParts make_checkpoint(const ObservedRun& observed, std::function<void()> begin,
                                                         std::function<figures::Measures()> measures);
 
-/// True if an earlier version wrote the record and its checkpoint is another scheme's: it has Γ, which the scheme of
-/// the same name now has not.
-[[nodiscard]] bool has_state_of_earlier_version(const record::Reader& reader, const ObservedRun& observed);
-
 /// Brings a run to where the checkpoint was made. False, and the run in no state to be used, if the
 /// checkpoint is not one of its problem.
 [[nodiscard]] bool restore(const record::Checkpoint& checkpoint, ObservedRun& observed);

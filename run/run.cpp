@@ -89,10 +89,6 @@ public:
   /// checkpoint and the rows are of one version.
   Outcome resume(record::Claim claim) {
     const Storing storing(options_.storing);
-    {
-      const record::Reader reader(outcome_.file);
-      record::refuse_earlier_version(reader, has_state_of_earlier_version(reader, *observed_));
-    }
     auto continued = record::Writer::resume(std::move(claim), observed_->layout(), commit_policy(), state_apart());
     restore(continued.take_checkpoint());
     recorder_.emplace(std::move(continued));
@@ -565,7 +561,7 @@ Outcome resume(const std::string& file, std::optional<double> until, const RunOp
     }
     as_begun.tangents = reader.has("/laws/multisymplectic_max");
     problem = stored_problem(reader);
-    record::refuse_earlier_version(reader, record::is_of_earlier_version(reader));
+    record::refuse_earlier_version(reader);
     if (problem.levels.every != problem.output.every && !figures::stored_last_level(reader)) {
       settings.push_back(fmt::format("levels.every={}", problem.levels.every));  // as the version that wrote it
     }

@@ -73,16 +73,14 @@ public:
   }
 
   void save(StateWriter& state) const override {
-    save_level(state, true);
+    save_level(state);
     splitting_.save(state);
   }
   void restore(StateReader& state) override {
-    const bool has_waves = restore_level(state);
+    restore_level(state);
     reported_ = true;
     splitting_.stand(level_);
-    if (has_waves) {
-      splitting_.restore(state);
-    }
+    splitting_.restore(state);
   }
 
 private:

@@ -2,6 +2,7 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <fstream>
 #include <functional>
 #include <string>
@@ -11,6 +12,7 @@
 
 #include <rubato/problem/problem.hpp>
 #include <rubato/record/error.hpp>
+#include <rubato/record/run_shape.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
@@ -106,6 +108,30 @@ TEST_CASE("a record that does not fit its own problem is a file that cannot be r
   };
   CHECK_THAT(check_and_resume(fewer_rows)[1], Contains("dataset '/levels/h' is not what was written"));
   CHECK_THAT(check_and_resume(of_earlier_version(fewer_rows))[1], Contains("rows, but '/levels/h' has 5"));
+}
+
+TEST_CASE("a record with another version's states is checked but for its checkpoint, and not resumed", "[run]") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  REQUIRE(run_text(pendulum, file).status == ExitStatus::done);
+  const auto warns = [&] {
+    const Outcome outcome = check(file);
+    CHECK(outcome.status == ExitStatus::done);
+    return std::ranges::any_of(outcome.warnings, [](const std::string& warning) {
+      return warning.find("written by an earlier version") != std::string::npos;
+    });
+  };
+  CHECK_FALSE(warns());  // the twin
+  alter(file, [](hid_t id) {
+    REQUIRE(H5Adelete(id, "checksums") >= 0);
+    const hid_t checkpoint = H5Gopen2(id, "/checkpoint", H5P_DEFAULT);
+    H5Adelete(checkpoint, "checksum");
+    H5Ldelete(checkpoint, record::state_version_name, H5P_DEFAULT);
+    H5Gclose(checkpoint);
+  });
+  CHECK(warns());
+  CHECK_THAT(complaint([&] { static_cast<void>(resume(file, 12.0, {.threads = 1})); }),
+             Contains("an earlier version wrote it") && Contains("run its problem again"));
 }
 
 TEST_CASE("an invariant or an exact solution that is not defined is told, and is no number", "[run]") {

@@ -263,32 +263,3 @@ TEST_CASE("check says of a damaged lattice record what is wrong", "[run][lattice
   falsify(file, "/states/level", 2, 5.0);
   CHECK_THROWS_WITH(names("/states/level"), Catch::Contains("'/states/level' goes from level"));  // no record at all
 }
-
-TEST_CASE("the record of a scheme that had Γ in an earlier version is checked but for its checkpoint, and not resumed",
-          "[run][lattice]") {
-  const Folder folder;
-  const auto by = [](const std::string& lagrangian) {
-    return read_problem(
-        "nls", std::vector<std::string>{"scheme.lagrangian=" + lagrangian, "grid.x.cells=51", "scheme.until=0.1"});
-  };
-  for (const std::string lagrangian : {"box", "fourier"}) {
-    static_cast<void>(run(by(lagrangian), {.output = folder / (lagrangian + ".h5"), .threads = 1}));
-  }
-  // As if `fourier` had written it, which now has no Γ.
-  const record::Reader reader(folder / "box.h5");
-  const bool is_earlier = has_state_of_earlier_version(reader, ObservedRun(by("fourier"), false));
-  CHECK(is_earlier);
-  CHECK_THROWS_WITH(record::refuse_earlier_version(reader, is_earlier), Catch::Contains("run its problem again"));
-  // The twins: a scheme that has Γ, and a record without.
-  CHECK_FALSE(has_state_of_earlier_version(reader, ObservedRun(by("box"), false)));
-  const record::Reader own(folder / "fourier.h5");
-  CHECK_FALSE(has_state_of_earlier_version(own, ObservedRun(by("fourier"), false)));
-  CHECK_NOTHROW(record::refuse_earlier_version(own, false));
-  // One that never had it and stores 0.
-  const Problem explicit_scheme =
-      read_problem("sine-gordon", std::vector<std::string>{"scheme.lagrangian=euler-box", "scheme.levels=fixed",
-                                                           "grid.x.cells=51", "scheme.step=0.1", "scheme.until=1"});
-  static_cast<void>(run(explicit_scheme, {.output = folder / "explicit.h5", .threads = 1}));
-  CHECK_FALSE(
-      has_state_of_earlier_version(record::Reader(folder / "explicit.h5"), ObservedRun(explicit_scheme, false)));
-}
