@@ -253,17 +253,21 @@ private:
     for (record::Dataset& dataset : layout_.datasets) {
       dataset.expected_rows = ensemble_.members();
     }
-    if (keeps_states_ && keeps_series_) {
+    if (keeps_series_) {
       add_series();
     }
     rows_.assign(layout_.datasets.size(), 0);
   }
 
   /// Of every event the crossings of all members, one after the other, each with the number of its member; and so what
-  /// is reported at output times.
+  /// is reported at output times. Fields of members that have grids of their own are left out.
   void add_series() {
     for (const record::Dataset& dataset : states_.datasets) {
       if (!is_kept_whole(dataset)) {
+        continue;
+      }
+      if (!keeps_states_ && !dataset.dimensions.empty()) {
+        series_.push_back(left_out);
         continue;
       }
       series_.push_back(layout_.datasets.size());
@@ -284,6 +288,9 @@ private:
   void append_series(const std::vector<std::vector<double>>& series) {
     auto members = members_of_.begin();
     for (std::size_t i = 0; i < series_.size(); ++i) {
+      if (series_[i] == left_out) {
+        continue;
+      }
       const record::Dataset& dataset = layout_.datasets[series_[i]];
       const std::size_t size = record::row_size(layout_, dataset);
       for (std::size_t at = 0; at < series[i].size(); at += size) {
@@ -396,6 +403,11 @@ private:
     append_series(result.series);
     if (recorder_) {
       recorder_->writer().end_level();
+    }
+    if (std::ranges::find(series_, left_out) != series_.end()) {
+      result.warnings.emplace_back(
+          "members have different grids, so that their fields at output times are not stored: run one alone for them, "
+          "or report quantities, which are");
     }
     outcome_.findings.add(member, "", result.warnings, result.judgement,
                           is_end(result.status) ? RunEnd::complete : RunEnd::failed);
@@ -530,9 +542,10 @@ private:
   std::vector<std::string> first_events_;
   bool keeps_verdicts_ = true;
   bool keeps_states_ = false;                     ///< all members have states of one shape
-  bool keeps_series_ = false;                     ///< and events of one
+  bool keeps_series_ = false;                     ///< events of one
   std::vector<std::size_t> series_, members_of_;  ///< numbers of their datasets, and of those with the members'
-  std::vector<std::size_t> rows_;                 ///< of each dataset, that were compared
+  static constexpr std::size_t left_out = std::numeric_limits<std::size_t>::max();
+  std::vector<std::size_t> rows_;  ///< of each dataset, that were compared
   std::optional<Recorder> recorder_;
   const record::Reader* compared_with_ = nullptr;
   std::size_t stored_ = 0, compared_ = 0, failed_ = 0;
@@ -584,7 +597,7 @@ EnsembleOutcome run_ensemble(const Problem& problem, const RunOptions& options) 
 EnsembleOutcome resume_ensemble(const std::string& file, const RunOptions& options) {
   record::Claim claim(file, locking_of(options));
   const record::Reader reader(file);
-  record::refuse_earlier_version(reader, record::is_of_earlier_version(reader));
+  record::refuse_earlier_version(reader);
   const Problem problem = stored_ensemble(reader);
   return blame_record(file, [&] { return EnsembleDriver(problem, options, file, &reader).resume(std::move(claim)); });
 }

@@ -2,7 +2,9 @@
 
 #include <catch2/catch.hpp>
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -174,6 +176,42 @@ TEST_CASE("an ensemble keeps what is told at output times, of all members one af
   CHECK(check_ensemble(folder / "all.h5").status == ExitStatus::done);
   falsify(folder / "all.h5", "/output/q", 3, 1e-9);
   CHECK_THAT(check_ensemble(folder / "all.h5").message, Contains("/output/q"));
+}
+
+TEST_CASE("members on different grids keep their crossings and quantities, and it is said that fields are not kept") {
+  const Folder folder;
+  const auto ensemble_of = [&](const std::string& members) {
+    const Problem problem = parse_problem(
+        "[field]\nequation = \"u_tt = u_xx\"\n[grid]\nx = { from = 0, to = \"2*pi\", cells = 16 }\n[initial]\nu = "
+        "\"a*cos(x)\"\nu_t = 0\n[parameters]\na = 1\n[scheme]\nlagrangian = \"splitting\"\nlevels = \"fixed\"\nstep = "
+        "0.1\nuntil = 2\n[output]\ninterval = 1\nquantities = { mass = \"integral(u^2)\" }\n[events]\npass = { "
+        "crossing "
+        "= \"u\", at = { x = 0 } }\n[ensemble]\nmembers = " +
+            members + "\n",
+        "t.toml");
+    return run_ensemble(problem, {.output = folder / "a.h5", .overwrite = true});
+  };
+  const auto warned = [](const EnsembleOutcome& outcome) {
+    const std::vector<std::string> warnings = outcome.findings.warnings("members");
+    return std::ranges::any_of(warnings,
+                               [](const std::string& one) { return one.find("different grids") != std::string::npos; });
+  };
+  CHECK(warned(ensemble_of("[{ grid.x.cells = 16 }, { grid.x.cells = 32 }]")));
+  {
+    const record::Reader reader(folder / "a.h5");
+    CHECK_FALSE(reader.has("/output/u"));
+    CHECK_FALSE(reader.has("/members/last/u"));
+    const std::vector<double> mass = reader.read("/output/quantities/mass");
+    REQUIRE(mass.size() == 6);
+    CHECK(mass[0] == Approx(std::numbers::pi));
+    CHECK(mass[3] == Approx(mass[0]));
+    CHECK(reader.read_integers("/output/member") == std::vector<std::int64_t>{0, 0, 0, 1, 1, 1});
+    CHECK(reader.rows("/events/pass/t") == 2);
+  }
+  CHECK(check_ensemble(folder / "a.h5", {}).status == ExitStatus::done);
+  // The twin: one grid for all.
+  CHECK_FALSE(warned(ensemble_of("[{ parameters.a = 1 }, { parameters.a = 2 }]")));
+  CHECK(record::Reader(folder / "a.h5").has("/output/u"));
 }
 
 TEST_CASE("the distribution of a figure over members") {
