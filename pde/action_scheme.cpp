@@ -266,9 +266,17 @@ public:
       levels_.replace_before(true);
     }
     last_h_ = h;
-    at_start_ = true;
+    at_start_ = false;  // what begins a run is of its first level alone
+    if (map_.rows().kept() > 0) {
+      map_.step().imply(h, levels_.here(), next.fields, kept_);
+    }
     map_.step().begin(levels_.here());
     start_level();
+  }
+
+  void set_time(double t) override {
+    start_ = t;
+    steps_ = 0.0;
   }
 
   void correct(const FieldSet& fields) override {

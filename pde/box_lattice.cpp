@@ -119,6 +119,7 @@ public:
     }
     if (grid.has_walls()) {
       walls_.emplace(system, grid, drives);
+      start_ = walls_->drives() ? walls_->start() : 0.0;
       change_known_ = change_known_ && !walls_->drives();  // whose work changes the energy, too
     }
     if (!level_sweep({}).finite) {
@@ -222,6 +223,11 @@ public:
     start_level();
   }
 
+  void set_time(double t) override {
+    start_ = t;
+    steps_ = 0.0;
+  }
+
   void correct(const grids::FieldSet& fields) override {
     level_.fields.copy_from(fields);
     low_.fill(0.0);
@@ -234,8 +240,8 @@ public:
     save_slopes(state, level_.slopes, grid_);
     history_.save(state);
     contraction_.save(state);
-    for (const double value : {size_of_energy_.terms, size_of_energy_.rounding,
-                               static_cast<double>(size_age_) + cancelled_follows, size_of_energy_.cancelled}) {
+    for (const double value :
+         {size_of_energy_.terms, size_of_energy_.rounding, size_of_energy_.cancelled, static_cast<double>(size_age_)}) {
       state.write(value);
     }
     if (is_driven()) {
@@ -252,9 +258,8 @@ public:
     contraction_.restore(state);
     state.read(size_of_energy_.terms);
     state.read(size_of_energy_.rounding);
-    const double age = state.read();
-    size_age_ = static_cast<std::size_t>(age);
-    size_of_energy_.cancelled = age != static_cast<double>(size_age_) ? state.read() : 0.0;
+    state.read(size_of_energy_.cancelled);
+    state.read(size_age_);
     if (is_driven()) {
       work_ = state.read();
       steps_ = state.read();
@@ -273,10 +278,6 @@ private:
     node_known_ = false;
     iterations_ = 0;
   }
-
-  /// What is added to the age of the energy's size in a record where what cancels in it follows: records of earlier
-  /// versions are without.
-  static constexpr double cancelled_follows = 0.5;
 
   /// point = z + scale·δ at every node; fields at midpoints have z = 0.
   void make_point(double scale, grids::FieldSet& to) const {
@@ -381,7 +382,7 @@ private:
     }
     condensation_.reduced_mean(h, matrix_.mean);
     if (walls_) {
-      walls_->hold(level_.fields, low_, walls_->drives() ? walls_->start() + (steps_ + 1.0) * h : 0.0, delta_);
+      walls_->hold(level_.fields, low_, start_ + (steps_ + 1.0) * h, delta_);
     }
     condensation_.follow(h, level_.fields, low_, delta_);
     EvolvingRates rates;
@@ -528,8 +529,8 @@ private:
   std::vector<double> border_;
   StaticCondensation condensation_;
   std::optional<WallConditions> walls_;
-  double work_ = 0.0, work_of_step_ = 0.0, steps_ = 0.0;  ///< of walls that drive fields
-  std::vector<const double*> free_residual_;              ///< of the fields that are solved for
+  double start_ = 0.0, steps_ = 0.0, work_ = 0.0, work_of_step_ = 0.0;  ///< of walls that drive fields
+  std::vector<const double*> free_residual_;                            ///< of the fields that are solved for
   std::vector<double*> free_correction_;
   std::unique_ptr<CellSolver> solver_;  ///< from when it is needed first
 

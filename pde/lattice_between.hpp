@@ -15,9 +15,9 @@ public:
   LatticeBetween(const LatticeMethod& method, const MultisymplecticSystem& system, const grids::Grid& grid,
                  const LatticeLevel& first, double first_step);
 
-  /// The level at t_k + fraction·h, which level() then holds; of a field that exists at midpoints only its value at
-  /// t_k + fraction·h/2. On failure level() is not a number.
-  [[nodiscard]] Status take(const LatticeLevel& level, const LatticeLevel& next, double h, double fraction);
+  /// The level at t + fraction·h, `level` that at t and `next` that at t + h, which level() then holds; of a field that
+  /// exists at midpoints only its value at t + fraction·h/2. On failure level() is not a number.
+  [[nodiscard]] Status take(const LatticeLevel& level, const LatticeLevel& next, double t, double h, double fraction);
   [[nodiscard]] const LatticeLevel& level() const { return result_; }
 
 private:

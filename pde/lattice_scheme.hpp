@@ -31,6 +31,8 @@ public:
   /// Stands at a level with no past, but for a step of length h that leads from there to `next`: what a solution may
   /// begin from. Levels of one run have the same slopes.
   virtual void stand(const LatticeLevel& level, const LatticeLevel& next, double h) = 0;
+  /// The time of the level, which walls that drive fields read; until it is set the run begins there.
+  virtual void set_time(double t) { static_cast<void>(t); }
   /// Puts fields that differ from those of level() by rounding errors in their place.
   virtual void correct(const grids::FieldSet& fields) { static_cast<void>(fields); }
   /// False where level() has something to compute yet: the caller that does not ask does not pay. Then write_previous()

@@ -105,6 +105,7 @@ public:
     level_is_current_ = true;
     previous_is_current_ = false;
   }
+  void set_time(double t) override { scheme_->set_time(t); }
   [[nodiscard]] std::shared_ptr<StageSource> stages() override { return scheme_->stages(); }
   [[nodiscard]] std::optional<double> work() const override { return scheme_->work(); }
 

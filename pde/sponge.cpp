@@ -51,6 +51,8 @@ public:
     energy_ = energy_of(level_);
   }
 
+  void set_time(double t) override { inner_->set_time(t); }
+
   [[nodiscard]] Status advance(double h, double accuracy) override {
     damping_(level_, 0.5 * h, start_);
     iterations_ += inner_->iterations();

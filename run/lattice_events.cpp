@@ -91,7 +91,7 @@ public:
     load(step);
     for (LatticeEvent& event : events_) {
       const auto between = [&](double fraction) -> CrossingSearch::Sample {
-        const bool known = between_.take(level_, next_, step.h, fraction) == Status::success;
+        const bool known = between_.take(level_, next_, step.t_0, step.h, fraction) == Status::success;
         return {fraction, known ? event.value(between_.level(), step.time(fraction)) : unknown};
       };
       event.found = &event.search().follow(step.h, {0.0, event.value(level_, step.t_0)},
@@ -110,7 +110,7 @@ public:
   void append(RowSink& /*sink*/, std::size_t /*event*/, const OutputStep& step, double fraction) override {
     load(step);
     // What fails is not a number.
-    static_cast<void>(between_.take(level_, next_, step.h, fraction));
+    static_cast<void>(between_.take(level_, next_, step.t_0, step.h, fraction));
   }
   [[nodiscard]] std::vector<double> quantities(std::size_t event, double t) override {
     return events_[event].quantities(between_.level(), t);

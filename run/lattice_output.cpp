@@ -60,7 +60,7 @@ public:
   bool append(RowSink& sink, const OutputStep& step, double t) override {
     std::ranges::copy(step.z_0, level_.fields.all().begin());
     std::ranges::copy(step.z_1, next_.fields.all().begin());
-    const bool known = between_->take(level_, next_, step.h, fraction_of(step, t)) == Status::success;
+    const bool known = between_->take(level_, next_, step.t_0, step.h, fraction_of(step, t)) == Status::success;
     return write(sink, between_->level(), t) && known;
   }
   bool append(RowSink& sink, std::span<const double> z, double t) override {

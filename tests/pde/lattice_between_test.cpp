@@ -41,14 +41,14 @@ std::vector<double> run(const LatticeMethodChoice& choice, double step, bool str
     REQUIRE(lattice.step().status == Status::success);
     for (; next < times.size() && times[next] <= lattice.t(); ++next) {
       const double fraction = (times[next] - before) / step;
-      REQUIRE(between.take(lattice.previous(), lattice.level(), step, fraction) == Status::success);
+      REQUIRE(between.take(lattice.previous(), lattice.level(), 0.0, step, fraction) == Status::success);
       for (std::size_t i = 0; i < grid.size(); ++i) {
         const double from = lattice.previous().fields.field(0)[i], to = lattice.level().fields.field(0)[i];
         result.push_back(straight ? from + fraction * (to - from) : between.level().fields.field(0)[i]);
       }
       // Joined to both levels.
       constexpr double near = 1e-9;
-      REQUIRE(between.take(lattice.previous(), lattice.level(), step, 1.0 - near) == Status::success);
+      REQUIRE(between.take(lattice.previous(), lattice.level(), 0.0, step, 1.0 - near) == Status::success);
       for (std::size_t i = 0; i < grid.size(); ++i) {
         CHECK(std::abs(between.level().fields.field(0)[i] - lattice.level().fields.field(0)[i]) < 4.0 * near * step);
       }

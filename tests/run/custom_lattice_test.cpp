@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 #include <vector>
+
+#include <fmt/format.h>
 
 #include <rubato/problem/lattice_problem.hpp>
 #include <rubato/record/reader.hpp>
@@ -325,4 +328,57 @@ until = 0.2
   };
   CHECK(warnings("0.1").find("does not approximate") == std::string::npos);
   CHECK_THAT(warnings("0.2"), Contains("does not approximate the equation: the variation by u"));
+}
+
+TEST_CASE("between levels a stated action has states of the step it is in, symmetric in time or not") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  constexpr double h = 0.05;
+  const std::string text = fmt::format(R"toml([multisymplectic]
+fields = ["u", "v", "w"]
+M = [["u", "v", -1]]
+K.x = [["u", "w", 1]]
+S = "(v^2 - w^2)/2 + u^2/2"
+[grid]
+x = {{ from = 0, to = "2*pi", cells = 40 }}
+[initial]
+u = "cos(x)"
+v = 0
+[scheme]
+lagrangian = "custom"
+L = "0"
+levels = "fixed"
+step = {}
+until = 2
+[output]
+interval = 0.13
+[events]
+down = {{ crossing = "u", at = {{ x = 0 }} }}
+)toml",
+                                       h);
+  const std::string kinetic = "((u_10 - u_00)/h)^2/2", strain = "((u_01 - u_00)/dx)^2/2",
+                    later = "((u_11 - u_10)/dx)^2/2";
+  for (const std::string& L : {kinetic + " - " + strain + " - u_00^2/2", kinetic + " - " + later + " - u_10^2/2",
+                               kinetic + " - (" + strain + " + " + later + ")/2 - (u_00^2 + u_10^2)/4"}) {
+    INFO(L);
+    const Problem problem = parse_problem(text, "own.toml", std::vector<std::string>{"scheme.L=" + L});
+    REQUIRE(run(problem, {.output = file, .overwrite = true, .threads = 1}).complete);
+    CHECK(check(file).status == ExitStatus::done);
+    const record::Reader reader(file);
+    const auto error = [&](const std::string& group, double shift) {
+      const std::vector<double> t = reader.read(group + "/t"), u = reader.read(group + "/u");
+      double largest = 0.0;
+      for (std::size_t i = 0; i < t.size(); ++i) {
+        largest = std::max(largest, std::abs(u[40 * i] - std::cos(std::numbers::sqrt2 * (t[i] + shift))));
+      }
+      return largest;
+    };
+    // A step over a part has an error of its own, of h² at order 1: half of u_tt = -2u times that.
+    const double allowed = error("/states", 0.0) + h * h;
+    CHECK(error("/output", 0.0) < allowed);
+    CHECK(error("/output", 0.5 * h) > allowed);  // the twin: half a step off
+    const std::vector<double> crossed = reader.read("/events/down/t");
+    REQUIRE(crossed.size() == 1);
+    CHECK(std::abs(crossed.front() - 0.5 * std::numbers::pi / std::numbers::sqrt2) < allowed);
+  }
 }

@@ -190,6 +190,49 @@ TEST_CASE("records of driven walls are checked and resumed") {
   CHECK(check(folder / "a.h5").status == ExitStatus::contradiction);
 }
 
+TEST_CASE("between levels a driven wall has the value of its time, and so have the nodes beside it") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  const auto breather = [](double x, double t) {
+    const double W = 0.6, g = std::sqrt(1.0 - W * W);
+    return 4.0 * std::atan(g / W * std::sin(W * t) / std::cosh(g * (x - 2.0)));
+  };
+  for (Settings settings : {Settings{"scheme.lagrangian=leapfrog"}, Settings{"scheme.lagrangian=box"}, driven_action}) {
+    INFO(settings.front());
+    for (const char* more : {"output.interval=0.13", "output.every=3",
+                             "events.one={ crossing = \"u - 1\", at = { x = 0 } }", "scheme.until=4.5"}) {
+      settings.emplace_back(more);
+    }
+    REQUIRE(
+        run(parse_problem(driven_breather, "driven.toml", settings), {.output = file, .overwrite = true, .threads = 1})
+            .complete);
+    CHECK(check(file).status == ExitStatus::done);
+    const record::Reader reader(file);
+    constexpr std::size_t nodes = 61;
+    const auto error = [&](const std::string& group, std::size_t first, std::size_t last, double shift = 0.0) {
+      const std::vector<double> t = reader.read(group + "/t"), u = reader.read(group + "/u");
+      REQUIRE(u.size() == nodes * t.size());
+      double largest = 0.0;
+      for (std::size_t i = 0; i < u.size(); ++i) {
+        if (i % nodes >= first && i % nodes <= last) {
+          const double x = 0.1 * static_cast<double>(i % nodes);
+          largest = std::max(largest, std::abs(u[i] - breather(x, t[i / nodes] + shift)));
+        }
+      }
+      return largest;
+    };
+    CHECK(error("/output", 0, 0) < 1e-14);
+    CHECK(error("/output", nodes - 1, nodes - 1) < 1e-14);
+    CHECK(error("/output", 0, 0, 0.025) > 1e-3);  // the twin: half a step off
+    // Steps over a part have errors of their own, h² of them, as those from level to level.
+    CHECK(error("/output", 0, nodes - 1) < 2.0 * error("/states", 0, nodes - 1));
+    const std::vector<double> crossed = reader.read("/events/one/t");
+    REQUIRE(crossed.size() == 2);  // up and down
+    CHECK(std::abs(breather(0.0, crossed.front()) - 1.0) < 1e-10);
+    CHECK(std::abs(breather(0.0, crossed.back()) - 1.0) < 1e-10);
+  }
+}
+
 TEST_CASE("the work of walls, and what a sponge takes, are reported at every level whatever laws are taken") {
   const Folder folder;
   const std::string layer =
