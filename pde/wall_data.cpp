@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <rubato/pde/lattice_scheme.hpp>
 #include <rubato/pde/static_condensation.hpp>
@@ -84,6 +85,7 @@ public:
         }
       }
       look_at_slopes(wall);
+      look_at_pairs(wall);
     }
     return std::move(cautions_);
   }
@@ -239,6 +241,27 @@ private:
                                             "both hold a field have to hold it at one value",
                                             name(f), at_left[f], left.name(grid_), at_right[f], right.name(grid_)));
       }
+    }
+  }
+
+  /// Of fields of second order in time, which all walls of one kind hold, or leave free, but where an equation joins
+  /// one with the slope of another.
+  void look_at_pairs(const WallPlace& wall) {
+    std::vector<std::string> held, loose;
+    for (std::size_t f = 0; f < given_.size(); ++f) {
+      const auto field = static_cast<int>(f);
+      const bool turns = mirrors_.sign(wall.axis, field, End::fixed) != mirrors_.sign(wall.axis, field, End::free);
+      if (turns && momentum_row(system_, field)) {
+        (sign(wall, f) < 0 ? held : loose).push_back(name(f));
+      }
+    }
+    if (!held.empty() && !loose.empty()) {
+      cautions_.push_back(fmt::format(
+          "the {} wall at {} holds {} and leaves {} free: an equation joins the one with the slope of the other, so "
+          "that their signs in a mirror are opposite, and the field that is stated first has the kind of the wall; no "
+          "scheme has walls that hold both",
+          wall.end(grid_) == End::fixed ? "fixed" : "free", wall.name(grid_), fmt::join(held, ", "),
+          fmt::join(loose, ", ")));
     }
   }
 

@@ -509,3 +509,27 @@ TEST_CASE("an equation's own field is what walls hold or leave free, whatever ot
     }
   }
 }
+
+TEST_CASE("a wall says which of two fields it holds where an equation joins one with the slope of the other") {
+  const auto cautions = [](const std::string& L, const std::string& wall) {
+    const std::string text =
+        "[field]\nfields = [\"u\", \"r\"]\nL = \"" + L + "\"\n[grid]\nx = { from = 0, to = 10, cells = 40, left = \"" +
+        wall + "\", right = \"" + wall +
+        "\" }\n[initial]\nu = \"exp(-4*(x - 5)^2)\"\nu_t = 0\nr = 0\nr_t = 0\n[scheme]\nlagrangian = "
+        "\"fourier\"\nlevels = \"fixed\"\nstep = 0.05\nuntil = 0.1\n";
+    const Folder folder;
+    const Outcome outcome = run(parse_problem(text, "pair.toml"), {.output = folder / "a.h5", .threads = 1});
+    std::string all;
+    for (const std::string& warning : outcome.warnings) {
+      all += warning + "\n";
+    }
+    return all;
+  };
+  const std::string beam = "u_t^2/2 + r_t^2/2 - (u_x - r)^2/2 - r_x^2/2";
+  CHECK_THAT(cautions(beam, "fixed"), Contains("the fixed wall at x = 0 holds u and leaves r free"));
+  CHECK_THAT(cautions(beam, "free"), Contains("the free wall at x = 10 holds r and leaves u free"));
+  // The twin: fields that S alone joins.
+  const std::string strings = "u_t^2/2 + r_t^2/2 - (u - r)^2/2 - u_x^2/2 - r_x^2/2";
+  CHECK_THAT(cautions(strings, "fixed"), !Contains("leaves"));
+  CHECK_THAT(cautions(strings, "free"), !Contains("leaves"));
+}
