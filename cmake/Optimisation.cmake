@@ -16,14 +16,14 @@ set(rubato_sources_loops
   record/checksum.cpp)
 # Where a room's sources are of two kinds, those that are not of its first.
 set(rubato_sources_once
-  formula/batch_program.cpp formula/branches.cpp formula/bytecode.cpp formula/changed_term.cpp formula/differentiate.cpp formula/executable_memory.cpp formula/expression.cpp
+  formula/batch_program.cpp formula/branches.cpp formula/bytecode.cpp formula/changed_term.cpp formula/differentiate.cpp formula/divisors.cpp formula/executable_memory.cpp formula/expression.cpp
   formula/language.cpp formula/loop.cpp formula/loop_builder.cpp formula/loop_program.cpp formula/machine_code.cpp formula/operand.cpp formula/parse.cpp formula/parse_error.cpp formula/partials.cpp formula/reachable.cpp
   formula/single_assignment.cpp formula/sum.cpp formula/taylor_program.cpp formula/tokens.cpp formula/transform.cpp
   solve/cyclic_sparse.cpp   # a fallback for rare systems, and most of a large library
   variation/action_quadrature.cpp variation/composition.cpp variation/first_step.cpp
   variation/formula_action.cpp variation/lattice_action.cpp variation/run_span.cpp
   variation/total_variation.cpp
-  ode/boundary_value.cpp ode/continuation.cpp ode/darboux.cpp ode/discrete_lagrangian.cpp ode/end_conditions.cpp ode/first_step.cpp ode/flow_map.cpp
+  ode/boundary_value.cpp ode/continuation.cpp ode/custom_consistency.cpp ode/darboux.cpp ode/discrete_lagrangian.cpp ode/end_conditions.cpp ode/first_step.cpp ode/flow_map.cpp
   ode/node_law.cpp ode/orbit_between.cpp ode/separable.cpp ode/splitting_formula.cpp ode/tangent.cpp ode/taylor_code.cpp
   pde/action_consistency.cpp pde/action_kernel.cpp pde/action_rows.cpp pde/antiderivative.cpp pde/dispersion.cpp
   pde/field_structure.cpp pde/first_step.cpp pde/initial_agreement.cpp pde/initial_level.cpp pde/initial_sawtooths.cpp

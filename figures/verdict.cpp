@@ -173,6 +173,15 @@ private:
                                   measures_.turn, measures_.turn_t),
            .remedy = fmt::format("take at least {:.2g} steps per turn", measures_.turn_least)});
     }
+    if (!std::isnan(measures_.pole_t)) {
+      add({.kind = ReasonKind::resolution,
+           .verdict = Verdict::lost,
+           .value = measures_.pole_t,
+           .finding = fmt::format("a step goes over a pole of the energy, where a divisor in it is 0 and no motion can "
+                                  "pass (at t = {:.6g})",
+                                  measures_.pole_t),
+           .remedy = "take smaller steps, or end the run before"});
+    }
   }
 
   void judge_events() {
@@ -206,10 +215,11 @@ private:
       add({.kind = ReasonKind::action,
            .verdict = Verdict::doubtful,
            .value = measures_.action,
-           .finding = fmt::format("L does not approximate the equation: its variation stays off a row by {:.2g} of the "
-                                  "terms there, however small steps and cells are",
-                                  measures_.action),
-           .remedy = "correct L, and in a frame write it for the fields of the frame"});
+           .finding =
+               fmt::format("L does not approximate the equation: its variation stays off by {:.2g} of the terms, "
+                           "however small steps and cells are",
+                           measures_.action),
+           .remedy = "correct L: the action of an orbit's step is (t_1 - t_0)*L, and in a frame L is of its fields"});
     }
   }
 

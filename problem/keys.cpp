@@ -314,11 +314,9 @@ std::vector<KeyEntry> make_keys() {
       {"scheme", "darboux", "word, or matrix", std::string(darboux_words[0]),
        "The type of a generating function; as a matrix a symmetric 2n x 2n one, in full.", darboux_words},
       {"scheme", "L", "formula", "required by custom",
-       "The discrete Lagrangian, of t_0, t_1 and every coordinate and momentum with _0 and _1: q_0, q_1. On a lattice "
-       "a "
-       "density of the corners of a cell: u_00, u_01, u_10, u_11 (level, node; in the plane u_000: level, y, x), h, "
-       "dx, "
-       "dy, dz, x, y, z."},
+       "The discrete Lagrangian, of t_0, t_1 and every coordinate and momentum with _0 and _1: q_0, q_1; the action of "
+       "a step is (t_1 - t_0)*L. On a lattice a density of the corners of a cell: u_00, u_01, u_10, u_11 (level, node; "
+       "in the plane u_000: level, y, x), h, dx, dy, dz, x, y, z."},
       {"scheme", "allow_unstable", "true or false", scheme.allow_unstable ? "true" : "false",
        "Allows forward to run for more than a few steps, although it is unstable."},
       {"scheme", "max_steps", "integer, at least 1", fmt::format("{}", scheme.max_steps),

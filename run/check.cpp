@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/record/run_shape.hpp>
 #include <rubato/run/checkpoint_check.hpp>
 #include <rubato/run/lattice_check.hpp>
 #include <rubato/run/lattice_ranks.hpp>
@@ -79,7 +80,7 @@ private:
     const LatticeLeader* const leader = leader_ ? &*leader_ : nullptr;
     std::optional<ObservedRun> observed;
     make_observed_run(reader_, problem_, leader, observed);
-    is_of_earlier_version_ = has_state_of_earlier_version(reader_, *observed);
+    is_of_earlier_version_ = record::is_of_earlier_version(reader_);
     const figures::Names names = names_in(reader_, *observed);
     const CheckpointDisagreements checkpoint = check_checkpoint(reader_, levels, names, *observed, leader, findings_);
     check_levels(reader_, levels, problem_, checkpoint, findings_);
@@ -117,17 +118,21 @@ private:
   /// The measure of the verdict that the problem alone determines.
   void check_action(ObservedRun& observed) {
     const std::string path(figures::measures_path);
-    if (problem_.scheme.density == nullptr || !reader_.has(path) || is_of_earlier_version_) {
+    const bool is_stated = problem_.scheme.density != nullptr || problem_.scheme.lagrangian == LagrangianName::custom;
+    if (!is_stated || !reader_.has(path) || is_of_earlier_version_) {
       return;
     }
     constexpr double errors_of_differences = 1e-5;
     figures::Measures found;
     observed.simulation().measure(0, found);
-    const std::vector<double> stored = reader_.read(path);
-    const double action = figures::measures_of(stored).action;
+    std::size_t place = 0, of_action = 0;
+    figures::Measures::visit(found, [&](const double& value) {
+      of_action = &value == &found.action ? place : of_action;
+      ++place;
+    });
+    const double action = figures::measures_of(reader_.read(path)).action;
     findings_.compare(
-        path, stored.size() - 1, {}, action, found.action, [] { return errors_of_differences; },
-        "from L and the equation");
+        path, of_action, {}, action, found.action, [] { return errors_of_differences; }, "from L and the equation");
   }
 
   /// What a record without every level leaves to be believed.

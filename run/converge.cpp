@@ -523,8 +523,9 @@ std::string to_table(const ConvergenceOutcome& outcome) {
   }
   if (outcome.tolerance) {
     table += outcome.step_for_tolerance
-                 ? fmt::format("  step = {:.3g} would reach {:.3g} of each, if the order held\n",
-                               *outcome.step_for_tolerance, *outcome.tolerance)
+                 ? fmt::format("  step = {:.3g} would reach {:.3g} of each, if the order held{}\n",
+                               *outcome.step_for_tolerance, *outcome.tolerance,
+                               outcome.grid_step ? ", beside the errors of the grid" : "")
                  : fmt::format("  which step would reach {:.3g} cannot be said: no order is seen, or all is rounding\n",
                                *outcome.tolerance);
   }

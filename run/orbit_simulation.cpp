@@ -3,6 +3,7 @@
 #include <numbers>
 #include <optional>
 
+#include <rubato/ode/custom_consistency.hpp>
 #include <rubato/ode/integrate.hpp>
 #include <rubato/problem/energy_terms.hpp>
 #include <rubato/problem/formula_table.hpp>
@@ -28,6 +29,13 @@ public:
         frequency_(problem),
         momentum_maps_(problem, momentum_maps_of(orbit_), orbit_.names()),
         constraints_(make_constraint_table(problem)) {
+    if (problem.scheme.lagrangian == LagrangianName::custom) {
+      constexpr double some_steps = 1e-3;
+      const double step = problem.scheme.step.value_or(some_steps * (problem.scheme.until - problem.start()));
+      off_motion_ =
+          off_motion(make_hamiltonian(problem), std::get<Custom>(make_integration_options(problem).lagrangian),
+                     integrator_.scheme().state(), integrator_.t(), step);
+    }
     for (const std::string& name : momentum_maps_.names()) {
       laws_.emplace_back(name);
     }
@@ -80,6 +88,9 @@ public:
   [[nodiscard]] std::span<const Law> laws() const override { return laws_; }
 
   void measure(std::size_t number, figures::Measures& measures) override {
+    if (number == 0) {
+      measures.action = off_motion_;
+    }
     if (number < 2 && !exact_.names().empty()) {
       measure_exact(number == 0, measures);
     }
@@ -270,7 +281,8 @@ private:
   FormulaTable invariants_, exact_, energy_terms_;
   LocalFrequency frequency_;
   FormulaTable momentum_maps_, constraints_;
-  std::vector<Law> laws_;  ///< of each of them
+  std::vector<Law> laws_;                        ///< of each of them
+  double off_motion_ = figures::Measures::none;  ///< Measures::action
   std::vector<double> changes_;
   std::vector<std::size_t> exact_index_;
   std::vector<double> inputs_, rows_;

@@ -4,7 +4,10 @@
 #include <catch2/catch.hpp>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 
+#include <rubato/ode/custom_consistency.hpp>
 #include <rubato/ode/discrete_lagrangian.hpp>
 #include <rubato/variation/total_variation.hpp>
 
@@ -132,6 +135,32 @@ TEST_CASE("without explicit time the balance is the energy law") {
   REQUIRE(orbit.steps() == steps);
   CHECK(imbalance(*action, orbit) <= 2e-13 + 1e-14);
   CHECK(orbit.discrete_energy_deviation() <= 1e-13);
+}
+
+TEST_CASE("a custom discrete Lagrangian that is not of the motion of H is found, at whatever point and step") {
+  const Hamiltonian H({"q"}, {"p"}, "p^2/2 - cos(q) + 3");
+  const auto off = [&](const std::string& L, double q = 0.7, double p = 0.9, double step = 0.1) {
+    return off_motion(H, Custom{L}, std::array{q, p}, 0.0, step);
+  };
+  const std::string h = "(t_1 - t_0)", slope = "(p_0 + p_1)/2*(q_1 - q_0)/" + h, T = "((p_0 + p_1)/2)^2/2";
+  for (const std::string& L :
+       {slope + " - (" + T + " - cos((q_0 + q_1)/2))", slope + " - (" + T + " - (cos(q_0) + cos(q_1))/2) - 7",
+        slope + " - ((p_0^2 + p_1^2)/4 - cos((q_0 + q_1)/2))",
+        "p_0*(q_1 - q_0)/" + h + " - (p_0^2/2 - cos(q_1))",  // of order 1
+        "((q_1 - q_0)/" + h + ")^2/2 + cos((q_0 + q_1)/2)"}) {
+    INFO(L);
+    CHECK(off(L) == 0.0);
+    CHECK(off(L, 0.0, 1.0) == 0.0);
+    CHECK(off(L, 0.7, 0.9, 1.0) == 0.0);
+    CHECK(off(L, 0.7, 0.9, -0.1) == 0.0);
+  }
+  // A force, a mass, and a two-form that are others, and what is meant as the action of the step.
+  CHECK(off(slope + " - (" + T + " - 1.05*cos((q_0 + q_1)/2))") > 0.01);
+  CHECK(off(slope + " - (1.01*" + T + " - cos((q_0 + q_1)/2))") > 0.001);
+  CHECK(off("1.1*" + slope + " - (" + T + " - cos((q_0 + q_1)/2))") > 0.05);
+  CHECK(off("(p_0 + p_1)/2*(q_1 - q_0) - " + h + "*(" + T + " - cos((q_0 + q_1)/2))") > 0.1);
+  // Of explicit time H says nothing.
+  CHECK(std::isnan(off(slope + " - (" + T + " - cos((q_0 + q_1)/2)) + t_0*q_0")));
 }
 
 TEST_CASE("a custom discrete Lagrangian with an unknown name says which") {

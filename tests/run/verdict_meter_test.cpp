@@ -12,9 +12,14 @@
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/sum.hpp>
 #include <rubato/problem/problem.hpp>
+#include <rubato/run/check.hpp>
 #include <rubato/run/energy_exchange.hpp>
 #include <rubato/run/local_frequency.hpp>
 #include <rubato/run/member_verdicts.hpp>
+#include <rubato/run/pole_watch.hpp>
+#include <rubato/run/run.hpp>
+
+#include "folder.hpp"
 
 using namespace rubato;
 using figures::Verdict;
@@ -92,6 +97,52 @@ TEST_CASE("the local frequency is the largest eigenvalue of J H''") {
   const double r = 0.05;  // the fastest rate of Kepler's problem is sqrt(2/r^3)
   CHECK(of("(u^2 + v^2)/2 - 1/sqrt(x^2 + y^2)", {r, 0, 0, 6}) == Approx(std::sqrt(2.0 / (r * r * r))).epsilon(0.1));
   CHECK(of("(u^2 + v^2)/2 + 9.8*x", {1, 1, 0, 0}) == 0.0);
+}
+
+TEST_CASE("a step over a pole of H is found where the energy at both levels shows nothing") {
+  const auto crosses = [](const std::string& stated, const std::vector<double>& from, const std::vector<double>& to) {
+    const std::string text = stated + "\n[scheme]\nstep = 0.1\nuntil = 1\n";
+    const Problem problem = parse_problem(text, "test.toml");
+    PoleWatch watch(problem);
+    return watch.looks() && watch.crosses(from, to);
+  };
+  const auto H = [](const std::string& V) {
+    return "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"p^2/2 + " + V + "\"\n[initial]\nq = 1\np = -1";
+  };
+  const std::vector<double> before = {0.07, -1.0}, after = {-0.04, -1.0}, beside = {0.03, -1.0};
+  for (const std::string V : {"1e-6/q^2", "1e-9/q", "1e-7*(q*q)^(-1.5)", "1e-6*tan(q + pi/2)", "1e-6*csch(q)",
+                              "1e-6/(3*abs(q))", "1e-6/(q*(2 + q))"}) {
+    INFO(V);
+    CHECK(crosses(H(V), before, after));
+    CHECK_FALSE(crosses(H(V), before, beside));
+  }
+  // No poles: quotients with a limit, divisors that are not 0 or have no factor left, and a point that is gone round.
+  for (const std::string V :
+       {"sin(q)/q", "(1 - cos(q))/q^2", "1/q - 1/sin(q)", "1e-6/(q^2 + 0.01)", "0*p/q", "1e-6/sqrt(q^2 + p^2)"}) {
+    INFO(V);
+    CHECK_FALSE(crosses(H(V), before, after));
+  }
+  const std::string L = "[lagrangian]\nq = [\"q\"]\nL = \"q_dot^2/2 - 1e-6/q^2\"\n[initial]\nq = 1\nq_dot = -1";
+  CHECK(crosses(L, before, after));
+  CHECK_FALSE(crosses(L, before, beside));
+}
+
+TEST_CASE("the verdict names a stated L of an orbit that is not of H, and `check` finds the same") {
+  const tests::Folder folder;
+  const auto reasons = [&](const std::string& L) {
+    const Problem problem = parse_problem(
+        "[hamiltonian]\nq = [\"q\"]\np = [\"p\"]\nH = \"p^2/2 - cos(q)\"\n[initial]\nq = 0\np = "
+        "1\n[scheme]\nlagrangian "
+        "= \"custom\"\nL = \"" +
+            L + "\"\nlevels = \"fixed\"\nstep = 0.05\nuntil = 2\n",
+        "own.toml");
+    const Outcome outcome = run(problem, {.output = folder / "a.h5", .overwrite = true, .threads = 1});
+    CHECK(check(folder / "a.h5").status == ExitStatus::done);
+    return figures::text_of(outcome.judgement);
+  };
+  const std::string of = "(p_0 + p_1)/2*(q_1 - q_0)/(t_1 - t_0) - ((p_0 + p_1)/2)^2/2 + ";
+  CHECK(reasons(of + "cos((q_0 + q_1)/2)") == "good");
+  CHECK_THAT(reasons(of + "1.05*cos((q_0 + q_1)/2)"), Catch::Contains("doubtful: L does not approximate the equation"));
 }
 
 TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
