@@ -197,8 +197,9 @@ public:
     grids::max_abs(std::span(rows).first(largest_.size()), std::span(sizes).first(largest_.size()));
     for (std::size_t f = 0; f < largest_.size(); ++f) {
       largest_[f] = std::max(largest_[f], sizes[f]);
+      const int field = static_cast<int>(f);
+      add_increment(rows[f], at_midpoints_[f], level_.fields.field(field), low_.field(field));
     }
-    add_increment(delta_, at_midpoints_, level_.fields, low_);
     work_ += work_of_step_;
     ++steps_;
     start_level();

@@ -37,7 +37,6 @@ public:
                SpaceRule space)
       : FamilyLattice(system, grid, std::move(first), placement_of(space)),
         low_(system.field_count(), grid.size()),
-        delta_(low_),
         slab_(std::make_shared<GaussStep>(system, grid, stages, level_, space)),
         largest_(static_cast<std::size_t>(system.field_count()), 0.0),
         stages_(stages),
@@ -80,13 +79,15 @@ public:
   }
 
   void accept() override {
-    slab_->increment(delta_);
+    slab_->increments(slab_->kept(), [this](int f, std::span<const double> delta) {
+      const auto place = static_cast<std::size_t>(f);
+      largest_[place] = std::max(largest_[place], grids::max_abs(delta));
+      add_increment(delta, at_midpoints_[place], level_.fields.field(f), low_.field(f));
+    });
     slab_->keep(forecast_);
-    for (int f = 0; f < system_.field_count(); ++f) {
-      double& largest = largest_[static_cast<std::size_t>(f)];
-      largest = std::max(largest, grids::max_abs(std::as_const(delta_).field(f)));
+    if (std::exchange(is_whole_, false)) {
+      forget_derived();
     }
-    add_increment(delta_, at_midpoints_, level_.fields, low_);
     stamp_ = nowhere;
     move();
     grow_older();
@@ -94,6 +95,7 @@ public:
 
   void stand(const LatticeLevel& level, const LatticeLevel&, double) override {
     level_.fields.copy_from(level.fields);
+    is_whole_ = true;
     low_.fill(0.0);
     std::ranges::fill(largest_, 0.0);
     forecast_.forget();
@@ -104,6 +106,7 @@ public:
 
   void correct(const grids::FieldSet& fields) override {
     level_.fields.copy_from(fields);
+    is_whole_ = true;
     low_.fill(0.0);
     start_level();
   }
@@ -117,6 +120,7 @@ public:
   }
   void restore(StateReader& state) override {
     restore_level(state);
+    is_whole_ = true;
     grids::restore_whole(state, low_);
     state.read(std::span<double>(largest_));
     slab_->restore(state, forecast_);
@@ -126,9 +130,25 @@ public:
 
 private:
   [[nodiscard]] double energy_at_end() const override { return slab_->energy_at_end(); }
+  [[nodiscard]] double energy_at_start() const override {
+    append_level();
+    return FamilyLattice::energy_at_start();
+  }
+  void append_level() const override {
+    if (!std::exchange(is_whole_, true)) {
+      slab_->write_derived(level_.fields);
+    }
+  }
+  void forget_derived() {
+    for (int f = 0; f < system_.field_count(); ++f) {
+      if (std::ranges::find(slab_->kept(), f) == slab_->kept().end()) {
+        level_.fields.forget(f);
+      }
+    }
+  }
 
-  grids::FieldSet low_;  ///< the fields are level_.fields + low_
-  grids::FieldSet delta_;
+  grids::FieldSet low_;           ///< the fields are level_.fields + low_
+  mutable bool is_whole_ = true;  ///< whether level_ has the fields that follow from the others
   std::shared_ptr<GaussStep> slab_;
   std::vector<double> largest_;  ///< of |δ| of each field so far
   int stages_;
@@ -152,16 +172,15 @@ public:
       return law;
     }
     law.energy = slab_.energy();
-    slab_.increment(rows_);
     law.is_long = slab_.solved_by_newton();
-    for (int f = 0; f < system_.field_count(); ++f) {
+    slab_.increments([&](int f, std::span<const double> delta) {
       const auto z_0 = before.fields.field(f), z_1 = after.fields.field(f);
       const auto out = rows_.field(f);
       const bool midpoint = system_.structure().at_midpoints(f);
       for (std::size_t i = 0; i < out.size(); ++i) {
-        out[i] = midpoint ? (z_1[i] - 0.5 * out[i]) / h : (z_1[i] - z_0[i] - out[i]) / h;
+        out[i] = midpoint ? (z_1[i] - 0.5 * delta[i]) / h : (z_1[i] - z_0[i] - delta[i]) / h;
       }
-    }
+    });
     law.residual = grids::magnitudes(rows().all());
     return law;
   }
@@ -179,7 +198,6 @@ public:
         grid_(grid),
         space_(space),
         before_(system.field_count(), grid.size()),
-        delta_(before_),
         rate_(before_),
         stages_(static_cast<std::size_t>(stages), before_) {}
 
@@ -203,15 +221,15 @@ public:
     if (const Status status = slab_->solve(h, 0.0, {}); status != Status::success) {
       return status;
     }
-    slab_->increment(delta_);
-    for (int f = 0; f < system_.field_count(); ++f) {
+    slab_->increments(slab_->kept(), [&](int f, std::span<const double> delta) {
       const bool midpoint = system_.structure().at_midpoints(f);
-      const auto u_0 = u_before.field(f), change = std::as_const(delta_).field(f);
+      const auto u_0 = u_before.field(f);
       const auto u_1 = u_after.field(f);
       for (std::size_t i = 0; i < u_1.size(); ++i) {
-        u_1[i] = midpoint ? 0.5 * change[i] : u_0[i] + change[i];
+        u_1[i] = midpoint ? 0.5 * delta[i] : u_0[i] + delta[i];
       }
-    }
+    });
+    slab_->write_derived(u_after);
     for (std::size_t i = 0; i < stages_.size(); ++i) {
       slab_->stage(static_cast<int>(i), stages_[i], rate_);
     }
@@ -224,7 +242,7 @@ private:
   grids::Grid grid_;
   SpaceRule space_;
   double h_ = 0.0;
-  grids::FieldSet before_, delta_, rate_;
+  grids::FieldSet before_, rate_;
   std::vector<grids::FieldSet> stages_;
   std::optional<GaussStep> slab_;
 };

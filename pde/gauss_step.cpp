@@ -82,33 +82,35 @@ GaussStep::GaussStep(const MultisymplecticSystem& system, const grids::Grid& gri
     at_middle_[i] = tableau_.lagrange(i, 0.5);
   }
 
+  find_derived_fields();
+
   const std::size_t waves = fourier_all_.modes(), nodes = grid.size();
-  const int n = static_cast<int>(F_.size());
+  const int n = static_cast<int>(F_.size()), kept = static_cast<int>(kept_.size());
   points_F_ = PointTransform(space_, grid, std::max(1, n * m_));
   // No copies: those write, and what is written takes memory.
   const auto fields = [nodes](int count, auto&... sets) { ((sets = grids::FieldSet(count, nodes)), ...); };
   const auto rows = [waves](int count, auto&... sets) { ((sets = WaveRows(count, waves)), ...); };
-  fields(d_, high_, work_);
-  fields(1, zeros_);
-  fields(n, level_F_, low_F_, end_F_);
+  fields(d_, high_);
+  fields(fourier_all_.fields(), work_);
+  fields(n, level_F_, low_F_);
   fields(n * m_, y_, y_last_, point_, rest_grid_);
-  rows(d_, level_, base_, end_, scratch_);
-  rows(d_ * m_, Y_);
+  rows(kept, level_);
+  rows(fourier_all_.fields() + 1, scratch_);
+  rows(kept * m_, Y_);
   rows(n * m_, base_F_, rest_, Y_F_);
   rows_F_.resize(static_cast<std::size_t>(n * m_));
   std::iota(rows_F_.begin(), rows_F_.end(), 0);
   transfer_ = PackedMatrices(n * m_, n * m_, waves);
-  if (static_cast<std::size_t>(d_ * m_ * (d_ + n * m_)) * waves <= most_entries_of_maps) {
-    base_map_ = PackedMatrices(d_ * m_, d_, waves);
-    rest_map_ = PackedMatrices(d_ * m_, n * m_, waves);
+  if (static_cast<std::size_t>(kept * m_ * (kept + n * m_)) * waves <= most_entries_of_maps) {
+    base_map_ = PackedMatrices(kept * m_, kept, waves);
+    rest_map_ = PackedMatrices(kept * m_, n * m_, waves);
     for (int e = 0; e < m_; ++e) {
-      resolvents_.emplace_back(d_, d_, waves);
+      resolvents_.emplace_back(kept, kept, waves);
     }
-    rows(d_ * m_, base_Y_, right_, resolved_);
+    rows(kept * m_, base_Y_, right_, resolved_);
   }
-  inverse_.assign(static_cast<std::size_t>(m_), WaveRows(1, waves));
   if (m_ > 1) {
-    rows(d_ * m_, left_, refinement_);
+    rows(kept * m_, left_);
     rows(m_, rate_);
   }
   weights_.resize(static_cast<std::size_t>(m_ * m_));
@@ -133,6 +135,27 @@ void GaussStep::find_varying_fields() {
   }
   if (F_.empty() && !system_.coordinates().empty()) {
     F_.push_back(0);  // S has a term of the coordinates alone
+  }
+}
+
+/// Those whose row of the equation is Σ (K_a)_fc ∂_a z_c = L_ff z_f and a constant, with fields z_c that are kept.
+void GaussStep::find_derived_fields() {
+  rows_.assign(static_cast<std::size_t>(d_), 0);
+  for (int f = 0; f < d_; ++f) {
+    bool follows =
+        !at_midpoints_[static_cast<std::size_t>(f)] && std::ranges::find(F_, f) == F_.end() && whole_(f, f) != 0.0;
+    for (int c = 0; c < d_; ++c) {
+      follows = follows && system_.M()(f, c) == 0.0 && (c == f || whole_(f, c) == 0.0);
+      for (int a = 0; a < grid_.dimensions(); ++a) {
+        follows = follows && (system_.K(a)(f, c) == 0.0 || !is_derived(c));
+      }
+    }
+    if (follows) {
+      rows_[static_cast<std::size_t>(f)] = -1;
+    } else {
+      rows_[static_cast<std::size_t>(f)] = static_cast<int>(kept_.size());
+      kept_.push_back(f);
+    }
   }
 }
 
@@ -177,36 +200,45 @@ void GaussStep::add_slopes(const PotentialSlopes& slopes) {
     return;
   }
   slopes_ = WaveRows(d_, level_.waves());
+  grids::FieldSet values(d_, grid_.size());
   const std::size_t line = grid_.cells(0);
   for (int f = 0; f < d_; ++f) {
     for (std::size_t i = 0; i < grid_.size(); ++i) {
-      work_.field(f)[i] = slopes.at(f, i / line);
+      values.field(f)[i] = slopes.at(f, i / line);
     }
   }
-  from_grid(std::as_const(work_).pointers(), fourier_all_, slopes_);  // those of lines of points
+  from_grid(std::as_const(values).pointers(), fourier_all_, slopes_);  // those of lines of points
 }
 
 void GaussStep::stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes) {
   ++stamp_;
-  solved_ = complete_ = end_known_ = false;
-  if (keeps_level_) {
-    copy_level(high, at_midpoints_, high_);
-  }
+  solved_ = complete_ = false;
   std::array<const double*, MultisymplecticSystem::most_fields> level{};
-  for (int f = 0; f < d_; ++f) {
-    level[static_cast<std::size_t>(f)] =
-        (at_midpoints_[static_cast<std::size_t>(f)] ? std::as_const(zeros_).field(0) : high.field(f)).data();
+  for (const int f : kept_) {
+    if (at_midpoints_[static_cast<std::size_t>(f)]) {
+      continue;
+    }
+    level[static_cast<std::size_t>(row_of(f))] = high.field(f).data();
+    if (keeps_level_) {
+      std::ranges::copy(high.field(f), high_.field(f).begin());
+    }
   }
-  from_grid(std::span(level).first(static_cast<std::size_t>(d_)), fourier_all_, level_);
+  from_grid(std::span(level).first(kept_.size()), fourier_all_, level_);
   space_.from_nodes(level_);
   if (!space_.spectral() && !F_.empty()) {
-    points_F_.to_points(level_, F_, level_F_.pointers());  // what rounding leaves there is as much as `low` is
+    std::array<int, MultisymplecticSystem::most_fields> rows{};
+    std::ranges::transform(F_, rows.begin(), [this](int f) { return row_of(f); });
+    points_F_.to_points(level_, std::span(rows).first(F_.size()),
+                        level_F_.pointers());  // what rounding leaves there is as much as `low` is
   }
   for (std::size_t f = 0; space_.spectral() && f < F_.size(); ++f) {
     const int field = F_[f];
-    std::copy_n(level[static_cast<std::size_t>(field)], grid_.size(), level_F_.field(static_cast<int>(f)).begin());
+    const bool midpoint = at_midpoints_[static_cast<std::size_t>(field)];
     const auto rest = low_F_.field(static_cast<int>(f));
-    if (low == nullptr || at_midpoints_[static_cast<std::size_t>(field)]) {
+    if (!midpoint) {  // 0 where it is
+      std::ranges::copy(high.field(field), level_F_.field(static_cast<int>(f)).begin());
+    }
+    if (low == nullptr || midpoint) {
       std::ranges::fill(rest, 0.0);
     } else {
       std::ranges::copy(low->field(field), rest.begin());
@@ -219,32 +251,6 @@ void GaussStep::stand(const grids::FieldSet& high, const grids::FieldSet* low, c
   }
   if (stamp_ == 1) {
     add_slopes(slopes);  // no step changes them
-  }
-  // b = (L - Σ ik_a K_a) ẑ - K_x slope + the linear terms of S.
-  base_.re.fill(0.0);
-  base_.im.fill(0.0);
-  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const auto add_to_row = [&](const MatrixTerm& term, const WaveRows& from, const auto& add_column) {
-      const auto row = static_cast<std::size_t>(term.row);
-      add_column(from.re.field(term.column).data() + begin, from.im.field(term.column).data() + begin, end - begin,
-                 base_.re.pointers()[row] + begin, base_.im.pointers()[row] + begin);
-    };
-    const auto add_times = [](double value) { return [value](auto... arrays) { add(value, arrays...); }; };
-    for (const MatrixTerm& term : L_terms_) {
-      add_to_row(term, level_, add_times(term.value));
-    }
-    for (std::size_t a = 0; a < K_.size(); ++a) {
-      for (const MatrixTerm& term : K_[a]) {
-        const double* k = space_.derivatives()[a].data() + begin;
-        add_to_row(term, level_, [&](auto... arrays) { add_derivative(-term.value, k, arrays...); });
-        if (a == 0 && slopes_.rows() > 0) {
-          add_to_row(term, slopes_, add_times(-term.value));
-        }
-      }
-    }
-  });
-  for (int f = 0; !tangent_ && f < d_ && has_mean(); ++f) {
-    base_.re.field(f)[0] += linear_[f] * static_cast<double>(grids::whole_of(grid_).size());
   }
 }
 
@@ -309,9 +315,9 @@ void GaussStep::continue_rests(double ratio) {
 /// rests += factor L̄ ẑ_k at every stage: with -1 R becomes N' - L̄ Z, which names no level.
 void GaussStep::add_middle_of_level(double factor, WaveRows& rests) const {
   for (const MatrixTerm& term : middle_terms_) {
-    const int field = F_[static_cast<std::size_t>(term.column)];
+    const int row = row_of(F_[static_cast<std::size_t>(term.column)]);
     for (int i = 0; i < m_; ++i) {
-      add(factor * term.value, level_.re.field(field).data(), level_.im.field(field).data(), level_.waves(),
+      add(factor * term.value, level_.re.field(row).data(), level_.im.field(row).data(), level_.waves(),
           rests.re.field(varying(term.row, i)).data(), rests.im.field(varying(term.row, i)).data());
     }
   }
@@ -370,7 +376,7 @@ bool GaussStep::prepare(double h) {
   if (!has_resolvent()) {
     take_last_resolvent();
     if (!has_resolvent()) {
-      resolvent_.emplace(system_, space_.derivatives(), whole_, radius_);
+      resolvent_.emplace(system_, space_.derivatives(), whole_, radius_, kept_);
     }
   }
   if (!is_solvable_) {
@@ -391,109 +397,6 @@ void GaussStep::take_last_resolvent() {
 
 bool GaussStep::are_near(double h, double other) {
   return std::abs(h - other) <= nearby * std::abs(other);
-}
-
-/// b ↦ Y and N' ↦ Y for steps of length reference_h_: what complete() does otherwise with the entries of the resolvent.
-void GaussStep::make_maps() {
-  maps_h_ = reference_h_;
-  base_map_.clear();
-  rest_map_.clear();
-  for (PackedMatrices& resolvent : resolvents_) {
-    resolvent.clear();
-  }
-  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    WaveBlock entry;
-    for (int e = 0; e < m_; ++e) {
-      for (int r = 0; r < d_; ++r) {
-        for (int c = 0; c < d_; ++c) {
-          if (resolvent_->is_zero(r, c)) {
-            continue;
-          }
-          resolvent_->entry(r, c, eigenvalues_[e] / reference_h_, inverse_[static_cast<std::size_t>(e)], begin, count,
-                            entry.re, entry.im);
-          resolvents_[static_cast<std::size_t>(e)].add(r, c, 1.0, entry.re, entry.im, begin, count);
-          const auto g = std::ranges::find(F_, c) - F_.begin();
-          for (int i = 0; i < m_; ++i) {
-            base_map_.add(r * m_ + i, c, V_(i, e) * ones_[e], entry.re, entry.im, begin, count);
-            for (int j = 0; g < static_cast<std::ptrdiff_t>(F_.size()) && j < m_; ++j) {
-              rest_map_.add(r * m_ + i, varying(static_cast<int>(g), j), V_(i, e) * V_inverse_(e, j), entry.re,
-                            entry.im, begin, count);
-            }
-          }
-        }
-      }
-    }
-  });
-}
-
-/// base_F_ and transfer_ for steps of length h, or one near by: what these miss is mended by refine(), with the h that
-/// is meant.
-void GaussStep::invert(double h) {
-  if (m_ == 1 || !are_near(h, reference_h_)) {
-    reference_h_ = h;
-  }
-  const bool anew = reference_h_ != inverted_h_, maps = by_maps(), maps_anew = maps && reference_h_ != maps_h_;
-  const int n = static_cast<int>(F_.size());
-  h_ = h;
-  inverted_h_ = reference_h_;
-  refined_ = false;
-  if (anew) {
-    for (int e = 0; e < m_; ++e) {
-      resolvent_->start(eigenvalues_[e] / reference_h_, inverse_[static_cast<std::size_t>(e)]);
-    }
-  }
-  if (maps_anew) {
-    make_maps();
-  }
-  if (anew) {
-    transfer_.clear();
-  }
-  if (!maps) {
-    base_F_.re.fill(0.0);
-    base_F_.im.fill(0.0);
-  }
-  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    WaveBlock entry, of_base;
-    if (maps) {
-      base_map_.apply(base_, nullptr, begin, count, base_Y_);
-      if (!anew) {
-        return;
-      }
-    }
-    for (int f = 0; f < n; ++f) {
-      const int row = F_[static_cast<std::size_t>(f)];
-      for (int e = 0; (anew || !maps) && e < m_; ++e) {
-        of_base.clear(count);
-        for (int c = 0; c < d_; ++c) {
-          const auto g = std::ranges::find(F_, c) - F_.begin();
-          if (resolvent_->is_zero(row, c) || (maps && g >= n)) {
-            continue;
-          }
-          resolvent_->entry(row, c, eigenvalues_[e] / reference_h_, inverse_[static_cast<std::size_t>(e)], begin, count,
-                            entry.re, entry.im);
-          if (!maps) {
-            add_product(entry.re, entry.im, base_.re.field(c).data() + begin, base_.im.field(c).data() + begin, count,
-                        of_base.re, of_base.im);
-          }
-          for (int i = 0; anew && g < n && i < m_; ++i) {
-            for (int j = 0; j < m_; ++j) {
-              transfer_.add(varying(f, i), varying(static_cast<int>(g), j), V_(i, e) * V_inverse_(e, j), entry.re,
-                            entry.im, begin, count);
-            }
-          }
-        }
-        for (int i = 0; !maps && i < m_; ++i) {
-          add(V_(i, e) * ones_[e], of_base.re, of_base.im, count, base_F_.re.field(varying(f, i)).data() + begin,
-              base_F_.im.field(varying(f, i)).data() + begin);
-        }
-      }
-    }
-  });
-  if (maps) {
-    take_base_of_varying();
-  }
 }
 
 /// Ŷ_F of the rests.
@@ -629,7 +532,7 @@ Status GaussStep::iterate_to_fixed_point(std::span<const double> largest) {
 }
 
 Status GaussStep::solve(double h, double accuracy, std::span<const double> largest, bool steady) {
-  solved_ = complete_ = end_known_ = false;
+  solved_ = complete_ = false;
   steady_ = steady;
   noise_.clear();
   const bool starts_solved = std::exchange(starts_solved_, false);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <complex>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -53,6 +54,9 @@ namespace rubato {
 ///
 /// T, which inverts the linear part, is the preconditioner already.
 ///
+/// Fields that follow from the others at every stage and level, a = Σ_a (K_a)_ac ∂_a z_c/L_aa, have no rows of waves:
+/// these are taken where they are read.
+///
 /// A⁻¹ = VΛV⁻¹ holds to cond(V) ε only, 1e-12 with eight stages, and a scheme whose A is off is off its symplecticity
 /// in every step by the same, which shows as a drift. So once in each step, when the stages are known well enough,
 /// their equation's residual is taken with A⁻¹ in two parts, and what mends it is added from then on.
@@ -65,6 +69,11 @@ public:
 
   /// The level z = high + low that steps are taken from; fields at midpoints count as 0. `low` may be null.
   void stand(const grids::FieldSet& high, const grids::FieldSet* low, const PotentialSlopes& slopes);
+  /// The fields that a step gives. The others follow: write_derived() writes those of a level.
+  ///@{
+  [[nodiscard]] const std::vector<int>& kept() const { return kept_; }
+  void write_derived(grids::FieldSet& level);
+  ///@}
   /// No stages are taken from now on: the level that they add to need not be kept.
   void take_no_stages() { keeps_level_ = false; }
   /// Discards what the steps solved so far left: the next one depends on its level and h alone.
@@ -101,9 +110,11 @@ public:
   /// Of the step solved last.
   ///@{
   [[nodiscard]] bool solved_by_newton() const { return since_fixed_point_ > 0; }
-  [[nodiscard]] double energy();           ///< E_k
-  [[nodiscard]] double energy_at_end();    ///< 𝓔 of the level it leads to
-  void increment(grids::FieldSet& delta);  ///< z_{k+1} - z_k; of fields at midpoints twice their value there
+  [[nodiscard]] double energy();         ///< E_k
+  [[nodiscard]] double energy_at_end();  ///< 𝓔 of the level it leads to
+  /// Calls use(f, δ_f) for these fields: δ = z_{k+1} - z_k, of fields at midpoints twice their value there.
+  void increments(std::span<const int> fields, const std::function<void(int, std::span<double>)>& use);
+  void increments(const std::function<void(int, std::span<double>)>& use) { increments(all_, use); }
   ///@}
 
   [[nodiscard]] Status take(const LatticeLevel& before, const LatticeLevel& after, double h) override;
@@ -124,6 +135,7 @@ private:
   [[nodiscard]] bool has_mean() const;
   [[nodiscard]] double sum_of_waves(double here) const;
   void find_varying_fields();
+  void find_derived_fields();
   void set_middle(const LatticeLevel& first);
   void compile_curvature();
   void evaluate_curvature(const grids::FieldSet& stages);
@@ -134,6 +146,7 @@ private:
   void take_last_resolvent();
   void invert(double h);
   void make_maps();
+  void make_transfer();
   [[nodiscard]] bool by_maps() const { return steady_ && !base_map_.empty(); }
   struct Correction {
     double size = 0.0;      ///< relative to the increments
@@ -160,24 +173,43 @@ private:
   static constexpr double refined_at = 1e-6;
   void refine();
   void evaluate_left(std::size_t begin, std::size_t count);
-  void resolve_left();
+  void add_left_to_base();
   void take_base_of_varying();
-  template <typename RightSide>
-  void solve_on_waves(const RightSide& right_side, WaveRows& x);
-  void end_rows();
-  const WaveRows& change_of_levels();
-  [[nodiscard]] double wave_energy(const WaveRows& rows, std::span<const double> weights) const;
+  void add_base(int e, int c, std::size_t begin, std::size_t count, WaveBlock& right) const;
+  void add_stages(int e, const WaveRows& rows, int first, std::size_t begin, std::size_t count, WaveBlock& right) const;
+  template <typename AddRight>
+  void solve_on_waves(const AddRight& add_right, std::span<const int> fields, WaveRows& x);
+  /// Of a field on the waves [begin, begin + count).
+  ///@{
+  using OfWaves = std::function<void(int field, std::size_t begin, std::size_t count, double* re, double* im)>;
+  void add_level(double value, int field, std::size_t begin, std::size_t count, double* re, double* im) const;
+  void add_stage(double value, int field, int stage, std::size_t begin, std::size_t count, double* re,
+                 double* im) const;
+  template <typename Add>
+  void add_derived(double value, int field, const Add& add_term) const;
+  void write_base(int field, std::size_t begin, std::size_t count, double* re, double* im) const;
+  void write_change(int field, std::size_t begin, std::size_t count, double* re, double* im) const;
+  ///@}
+  void to_nodes(std::span<const int> fields, const OfWaves& write, std::span<double* const> values);
+  [[nodiscard]] double wave_energy(std::span<const double> weights, bool at_end) const;
   void subtract_middle(std::span<const double* const> of);
   [[nodiscard]] double rest_energy(std::span<const double* const> fields);
   [[nodiscard]] int varying(int f, int i) const { return f * m_ + i; }
+  /// In rows of kept fields at one stage, and at all.
+  ///@{
+  [[nodiscard]] int row_of(int field) const { return rows_[static_cast<std::size_t>(field)]; }
+  [[nodiscard]] int row_of(int field, int stage) const { return row_of(field) * m_ + stage; }
+  [[nodiscard]] bool is_derived(int field) const { return row_of(field) < 0; }
+  ///@}
 
   MultisymplecticSystem system_;
   grids::Grid grid_;
   GaussTableau tableau_;
   int m_, d_;
   std::vector<bool> at_midpoints_;
-  std::vector<int> F_;     ///< fields that S'' varies with, or whose ∂S/∂z_f names a coordinate
-  Eigen::MatrixXd whole_;  ///< L + L̄
+  std::vector<int> F_;            ///< fields that S'' varies with, or whose ∂S/∂z_f names a coordinate
+  std::vector<int> kept_, rows_;  ///< fields that have rows of waves, and the number of each field's; -1: none
+  Eigen::MatrixXd whole_;         ///< L + L̄
   MatrixTerms M_, L_terms_, middle_terms_, whole_terms_;  ///< M, L, L̄ among F, L + L̄
   Eigen::VectorXd linear_;                                ///< of S in the other fields
   std::vector<MatrixTerms> K_, K_plus_;                   ///< per axis
@@ -220,41 +252,40 @@ private:
   std::uint64_t stamp_ = 0;
   grids::FieldSet high_;  ///< the level, for stages
   bool keeps_level_ = true;
-  grids::FieldSet zeros_;    ///< of a field at midpoints
   grids::FieldSet level_F_;  ///< its varying fields, and what they have beyond double precision
   grids::FieldSet low_F_;
   std::vector<double> level_sizes_;  ///< max |z| of level_F_
   LargestRounding rest_rounding_;    ///< of rest_gradient_
   std::vector<double> changes_;      ///< of each varying field, by the last correction
   std::vector<double> noise_;        ///< of each varying field, what rounding of N' makes of it; empty: not measured
-  WaveRows level_;                   ///< ẑ_k, as all rows at the points
-  WaveRows slopes_;                  ///< of potentials, in their own rows; none if there are none
-  WaveRows base_;                    ///< b of P Y = b + N'
+  WaveRows level_;   ///< ẑ_k, as all rows at the points; 0 of fields at midpoints, which take no memory
+  WaveRows slopes_;  ///< of potentials, in their own rows; none if there are none
 
   double h_ = 0.0;
-  double reference_h_ = 0.0;       ///< near h_: of all matrices
-  double inverted_h_ = 0.0;        ///< the reference that inverse_ and transfer_ were made for
-  bool starts_solved_ = false;     ///< with stages that are as good as refined_at asks
-  std::vector<WaveRows> inverse_;  ///< 1/D of each eigenvalue
-  WaveRows base_F_;                ///< what b makes of Y_F, row f·m + i
-  PackedMatrices transfer_;        ///< N' ↦ Y_F
+  double reference_h_ = 0.0;    ///< near h_: of all matrices
+  double inverted_h_ = 0.0;     ///< the reference that transfer_ was made for
+  bool starts_solved_ = false;  ///< with stages that are as good as refined_at asks
+  WaveRows base_F_;             ///< what b of P Y = b + N' makes of Y_F, row f·m + i
+  PackedMatrices transfer_;     ///< N' ↦ Y_F
   bool steady_ = false;
   double maps_h_ = 0.0;
   PackedMatrices base_map_, rest_map_;      ///< b ↦ Y and N' ↦ Y, for the reference maps_h_; empty on many waves
   std::vector<PackedMatrices> resolvents_;  ///< the resolvent at each eigenvalue, with these
   WaveRows base_Y_;                         ///< what b makes of Y then, and what mends it
   WaveRows rate_, right_, resolved_;        ///< see refine()
-  WaveRows rest_, Y_F_, Y_, end_, scratch_;
-  WaveRows left_, refinement_;  ///< of the equation of all stages, and what mends it; none with one stage
+  WaveRows rest_, Y_F_, Y_;
+  WaveRows scratch_;  ///< as many rows as are transformed at once, and one
+  WaveRows left_;     ///< of the equation of all stages; none with one stage
   bool refined_ = false;
   std::vector<const double*> inputs_;  ///< of the rest
-  grids::FieldSet y_, y_last_, point_, rest_grid_, work_, end_F_;
+  grids::FieldSet y_, y_last_, point_, rest_grid_;
+  grids::FieldSet work_;  ///< as many fields as are transformed at once
   PointTransform points_F_;
   std::vector<double> weights_;  ///< of a continuation
   grids::Fourier fourier_all_;   ///< of nodes
   std::vector<int> all_, rows_F_;
   std::vector<bool> asked_;  ///< whose rates at stages; none: all
-  bool solved_ = false, complete_ = false, end_known_ = false;
+  bool solved_ = false, complete_ = false;
   int iterations_ = 0;
 };
 

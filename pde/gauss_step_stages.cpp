@@ -18,9 +18,9 @@ namespace rubato {
 
 Status GaussStep::take(const LatticeLevel& before, const LatticeLevel&, double h) {
   bool same = solved_ && h == h_;
-  for (int f = 0; same && f < d_; ++f) {
-    same =
-        at_midpoints_[static_cast<std::size_t>(f)] || same_bits(std::as_const(high_).field(f), before.fields.field(f));
+  for (const int f : kept_) {
+    same = same && (at_midpoints_[static_cast<std::size_t>(f)] ||
+                    same_bits(std::as_const(high_).field(f), before.fields.field(f)));
   }
   if (grids::agreed_by_all(grid_, same)) {
     return Status::success;
@@ -41,22 +41,22 @@ Status GaussStep::take(const LatticeLevel& before, const LatticeLevel&, double h
 
 void GaussStep::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
   complete();
-  WaveRows& rows = scratch_;
-  for (int f = 0; f < d_; ++f) {
-    std::ranges::copy(std::as_const(Y_.re).field(f * m_ + stage), rows.re.field(f).begin());
-    std::ranges::copy(std::as_const(Y_.im).field(f * m_ + stage), rows.im.field(f).begin());
-  }
-  space_.to_nodes(rows);
-  to_grid(rows, all_, fourier_all_, z.pointers());
-  for (int f = 0; f < d_; ++f) {
+  const OfWaves write_stage = [this, stage](int f, std::size_t begin, std::size_t count, double* re, double* im) {
+    std::fill_n(re, count, 0.0);
+    std::fill_n(im, count, 0.0);
+    add_stage(1.0, f, stage, begin, count, re, im);
+    if (is_derived(f)) {
+      add_level(1.0, f, begin, count, re, im);
+    }
+  };
+  to_nodes(all_, write_stage, z.pointers());
+  for (const int f : kept_) {
     const auto high = std::as_const(high_).field(f);
     const auto to = z.field(f);
     for (std::size_t x = 0; x < to.size(); ++x) {
       to[x] += high[x];
     }
   }
-  rows.re.fill(0.0);
-  rows.im.fill(0.0);
   std::array<int, MultisymplecticSystem::most_fields> which{};
   std::array<double*, MultisymplecticSystem::most_fields> to{};
   std::size_t count = 0;
@@ -66,16 +66,17 @@ void GaussStep::stage(int stage, grids::FieldSet& z, grids::FieldSet& rate) {
       std::ranges::fill(rate.field(f), 0.0);
       continue;
     }
-    for (int j = 0; j < m_; ++j) {
-      add(a_inverse_.value(stage, j) / h_, std::as_const(Y_.re).field(f * m_ + j).data(),
-          std::as_const(Y_.im).field(f * m_ + j).data(), level_.waves(), rows.re.field(f).data(),
-          rows.im.field(f).data());
-    }
     which[count] = f;
     to[count++] = rate.field(f).data();
   }
-  space_.to_nodes(rows);
-  to_grid(rows, std::span(which).first(count), fourier_all_, std::span(to).first(count));
+  const OfWaves write_rate = [this, stage](int f, std::size_t begin, std::size_t waves, double* re, double* im) {
+    std::fill_n(re, waves, 0.0);
+    std::fill_n(im, waves, 0.0);
+    for (int j = 0; j < m_; ++j) {
+      add_stage(a_inverse_.value(stage, j) / h_, f, j, begin, waves, re, im);
+    }
+  };
+  to_nodes(std::span(which).first(count), write_rate, std::span(to).first(count));
   grids::refresh_ghosts(z);
   grids::refresh_ghosts(rate);
 }

@@ -79,21 +79,14 @@ IncrementSizes add_twice_here(std::span<const double> c, std::span<double> delta
 
 }  // namespace
 
-void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_midpoints, grids::FieldSet& high,
-                   grids::FieldSet& low) {
-  for (int f = 0; f < delta.fields(); ++f) {
-    double* z = high.field(f).data();
-    double* rest_of = low.field(f).data();
-    const double* change = delta.field(f).data();
-    const bool midpoint = at_midpoints[static_cast<std::size_t>(f)];
-    grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
-      if (midpoint) {
-        multiply(0.5, change + begin, end - begin, z + begin);
-      } else {
-        add_changes(change, begin, end, z, rest_of);
-      }
-    });
-  }
+void add_increment(std::span<const double> delta, bool at_midpoints, std::span<double> high, std::span<double> low) {
+  grids::for_each_block(delta.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
+    if (at_midpoints) {
+      multiply(0.5, delta.data() + begin, end - begin, high.data() + begin);
+    } else {
+      add_changes(delta.data(), begin, end, high.data(), low.data());
+    }
+  });
 }
 
 void add_twice(const grids::FieldSet& c, grids::FieldSet& delta, std::span<IncrementSizes> sizes) {

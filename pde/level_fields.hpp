@@ -7,9 +7,9 @@
 
 namespace rubato {
 
-/// z = high + low → z + δ, rounded at ε²|z|. Of fields at midpoints `high` becomes δ/2, the value that they had there.
-void add_increment(const grids::FieldSet& delta, const std::vector<bool>& at_midpoints, grids::FieldSet& high,
-                   grids::FieldSet& low);
+/// z = high + low → z + δ of a field, rounded at ε²|z|. Of one at midpoints `high` becomes δ/2, the value that it had
+/// there.
+void add_increment(std::span<const double> delta, bool at_midpoints, std::span<double> high, std::span<double> low);
 
 /// Largest absolute values, NaN if one is not finite.
 struct IncrementSizes {

@@ -1,6 +1,7 @@
 #include <rubato/pde/wave_resolvent.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -157,60 +158,82 @@ private:
   double terms_ = 0.0;
 };
 
-/// The coefficients of a polynomial on each wave. Many are zero whatever the wave is, and sums leave rounding of them:
-/// those that a sample of many waves shows as such are not written, and take no memory.
-class Coefficients {
-public:
-  explicit Coefficients(WaveRows& rows)
-      : rows_(rows), is_zero_(2 * static_cast<std::size_t>(rows.rows()), rows.waves() > few_waves ? 1 : 0) {}
+}  // namespace
 
-  void look_at(int k, const Coefficient& value) {
+WaveResolvent::Polynomial::Polynomial(int points, std::size_t waves) {
+  for (int k = 0; k < points; ++k) {
+    re.emplace_back(waves);
+    im.emplace_back(waves);
+  }
+}
+
+bool WaveResolvent::Polynomial::is_zero() const {
+  const auto has_none = [](const grids::Buffer& values) { return values.size() == 0; };
+  return std::ranges::all_of(re, has_none) && std::ranges::all_of(im, has_none);
+}
+
+void WaveResolvent::Polynomial::drop_zeros() {
+  for (std::vector<grids::Buffer>* parts : {&re, &im}) {
+    for (grids::Buffer& values : *parts) {
+      if (std::ranges::all_of(std::as_const(values).span(), [](double value) { return value == 0.0; })) {
+        values = {};
+      }
+    }
+  }
+}
+
+/// Writes a polynomial. Of coefficients that are zero whatever the wave is, sums leave rounding: those that a sample of
+/// many waves shows as such are not written.
+class WaveResolvent::Coefficients {
+public:
+  explicit Coefficients(Polynomial& polynomial, std::size_t waves)
+      : polynomial_(polynomial), is_zero_(2 * polynomial.re.size(), waves > few_waves ? 1 : 0) {}
+
+  void look_at(std::size_t k, const Coefficient& value) {
     look_at(2 * k, value.sum().real(), value);
     look_at(2 * k + 1, value.sum().imag(), value);
   }
-  void write(int k, std::size_t wave, const Coefficient& value) {
-    write(2 * k, value.sum().real(), value, rows_.re.pointers()[static_cast<std::size_t>(k)][wave]);
-    write(2 * k + 1, value.sum().imag(), value, rows_.im.pointers()[static_cast<std::size_t>(k)][wave]);
+  void write(std::size_t k, std::size_t wave, const Coefficient& value) {
+    write(2 * k, value.sum().real(), value, polynomial_.re[k][wave]);
+    write(2 * k + 1, value.sum().imag(), value, polynomial_.im[k][wave]);
   }
 
 private:
-  void look_at(int place, double part, const Coefficient& value) {
+  void look_at(std::size_t place, double part, const Coefficient& value) {
     if (!value.may_be_zero(part)) {
-      is_zero_[static_cast<std::size_t>(place)] = 0;
+      is_zero_[place] = 0;
     }
   }
-  void write(int place, double part, const Coefficient& value, double& to) const {
-    if (is_zero_[static_cast<std::size_t>(place)] == 0 || !value.may_be_zero(part)) {
+  void write(std::size_t place, double part, const Coefficient& value, double& to) const {
+    if (is_zero_[place] == 0 || !value.may_be_zero(part)) {
       to = part;
     }
   }
 
-  WaveRows& rows_;
+  Polynomial& polynomial_;
   std::vector<std::uint8_t> is_zero_;  ///< real and imaginary part of each coefficient
 };
 
-}  // namespace
-
 WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> numbers,
-                             const MatrixXd& L, double radius)
+                             const MatrixXd& L, double radius, const std::vector<int>& fields)
     : fields_(system.field_count()), radius_(radius) {
   const Symbols symbols(system, numbers, L);
   waves_ = symbols.waves();
   const MatrixXcd M = system.M().cast<Complex>();
-  degree_ = static_cast<int>(rank(M));  // even, so that the number of points is odd
-  const int points = degree_ + 1;
+  const int points = static_cast<int>(rank(M)) + 1;  // odd
   const KernelConditions conditions = wave_conditions(system, L, 2.0 / radius);
   const KernelWaves kernel_waves(system.M(), conditions.kernel);
   const auto d = static_cast<Index>(fields_);
   has_mirror_ = conditions.count() == 0;
-  const std::size_t entries = static_cast<std::size_t>(fields_) * static_cast<std::size_t>(fields_);
-  const auto follows = [&](int row, int column) { return has_mirror_ && row > column; };
-  for (int r = 0; r < fields_; ++r) {
-    for (int c = 0; c < fields_; ++c) {  // no copies: those write, and take memory
-      adjoint_.push_back(follows(r, c) ? WaveRows() : WaveRows(points, waves_));
+  adjoint_.resize(static_cast<std::size_t>(fields_) * static_cast<std::size_t>(fields_));
+  for (const int r : fields) {
+    for (const int c : fields) {
+      if (!follows(r, c)) {
+        adjoint_[place(r, c)] = Polynomial(points, waves_);
+      }
     }
   }
-  determinant_ = WaveRows(points, waves_);
+  determinant_ = Polynomial(points, waves_);
   std::vector<bool> failed(waves_, false);
   std::vector<Complex> roots;  // of 1
   for (int j = 0; j < points; ++j) {
@@ -218,10 +241,10 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   }
 
   std::vector<Coefficients> of_entries;
-  for (WaveRows& rows : adjoint_) {
-    of_entries.emplace_back(rows);
+  for (Polynomial& polynomial : adjoint_) {
+    of_entries.emplace_back(polynomial, waves_);
   }
-  Coefficients of_determinant(determinant_);
+  Coefficients of_determinant(determinant_, waves_);
   // Calls use(coefficients, k, wave, coefficient) for the waves of [begin, end).
   const auto find = [&](std::size_t begin, std::size_t end, const auto& use) {
     std::vector<Elimination> inverses(static_cast<std::size_t>(points));
@@ -264,9 +287,13 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
           values[static_cast<std::size_t>(j)] = weight * (inverses[static_cast<std::size_t>(j)].determinant() / scale);
           determinant.add(values[static_cast<std::size_t>(j)]);
         }
-        use(of_determinant, k, wave, determinant);
-        for (int r = 0; r < fields_; ++r) {
-          for (int c = follows(r, 0) ? r : 0; c < fields_; ++c) {
+        const auto power = static_cast<std::size_t>(k);
+        use(of_determinant, power, wave, determinant);
+        for (const int r : fields) {
+          for (const int c : fields) {
+            if (follows(r, c)) {
+              continue;
+            }
             Coefficient of_entry;
             for (std::size_t j = 0; j < values.size(); ++j) {
               const Complex entry = units.columns[r] * units.rows[c] *
@@ -274,7 +301,7 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
               const double a = values[j].real(), b = values[j].imag();
               of_entry.add({a * entry.real() - b * entry.imag(), a * entry.imag() + b * entry.real()});
             }
-            use(of_entries[place(r, c)], k, wave, of_entry);
+            use(of_entries[place(r, c)], power, wave, of_entry);
           }
         }
       }
@@ -283,57 +310,50 @@ WaveResolvent::WaveResolvent(const MultisymplecticSystem& system, std::span<cons
   std::mt19937_64 random(30);
   for (std::size_t i = 0; i < sampled_waves && waves_ > few_waves; ++i) {
     const std::size_t wave = random() % waves_;
-    find(wave, wave + 1, [](Coefficients& of, int k, std::size_t, const Coefficient& value) { of.look_at(k, value); });
+    find(wave, wave + 1,
+         [](Coefficients& of, std::size_t k, std::size_t, const Coefficient& value) { of.look_at(k, value); });
   }
   grids::for_each_block(waves_, 64, [&](std::size_t begin, std::size_t end) {
     find(begin, end,
-         [](Coefficients& of, int k, std::size_t wave, const Coefficient& value) { of.write(k, wave, value); });
+         [](Coefficients& of, std::size_t k, std::size_t wave, const Coefficient& value) { of.write(k, wave, value); });
   });
   if (std::ranges::find(failed, true) != failed.end()) {
     status_ = Status::undefined;
   }
-  zero_.resize(entries);
-  for (std::size_t e = 0; e < entries; ++e) {
-    const auto is_zero = [](double value) { return value == 0.0; };
-    zero_[e] = std::ranges::all_of(adjoint_[e].re.all(), is_zero) && std::ranges::all_of(adjoint_[e].im.all(), is_zero);
-    if (zero_[e]) {
-      adjoint_[e] = WaveRows();
-    }
+  for (Polynomial& polynomial : adjoint_) {
+    polynomial.drop_zeros();
   }
-  for (int r = 0; r < fields_; ++r) {
-    for (int c = 0; c < r && has_mirror_; ++c) {
-      zero_[place(r, c)] = zero_[place(c, r)];
-    }
-  }
+  determinant_.drop_zeros();
 }
 
-void WaveResolvent::start(Complex mu, WaveRows& inverse) const {
-  double* re = inverse.re.field(0).data();
-  double* im = inverse.im.field(0).data();
-  grids::for_each_block(waves_, grids::nodes_per_block, [&](std::size_t begin, std::size_t end) {
-    polynomial(determinant_, mu, begin, end - begin, re + begin, im + begin);
-    invert(end - begin, re + begin, im + begin);
-  });
+void WaveResolvent::inverse(Complex mu, std::size_t begin, std::size_t count, WaveBlock& inverse) const {
+  evaluate(determinant_, mu, begin, count, inverse);
+  invert(count, inverse.re, inverse.im);
 }
 
-void WaveResolvent::entry(int row, int column, Complex mu, const WaveRows& inverse, std::size_t begin,
-                          std::size_t count, double* re, double* im) const {
-  if (has_mirror_ && row > column) {
-    polynomial(adjoint_[place(column, row)], -std::conj(mu), begin, count, re, im);
-    std::transform(im, im + count, im, std::negate());
+void WaveResolvent::entry(int row, int column, Complex mu, std::size_t begin, std::size_t count,
+                          WaveBlock& entry) const {
+  if (follows(row, column)) {
+    evaluate(adjoint_[place(column, row)], -std::conj(mu), begin, count, entry);
+    std::transform(entry.im, entry.im + count, entry.im, std::negate());
   } else {
-    polynomial(adjoint_[place(row, column)], mu, begin, count, re, im);
+    evaluate(adjoint_[place(row, column)], mu, begin, count, entry);
   }
-  multiply(inverse.re.field(0).data() + begin, inverse.im.field(0).data() + begin, count, re, im);
 }
 
-void WaveResolvent::polynomial(const WaveRows& coefficients, Complex mu, std::size_t begin, std::size_t count,
-                               double* re, double* im) const {
-  std::copy_n(coefficients.re.field(degree_).data() + begin, count, re);
-  std::copy_n(coefficients.im.field(degree_).data() + begin, count, im);
-  for (int k = degree_ - 1; k >= 0; --k) {
-    horner(mu / radius_, coefficients.re.field(k).data() + begin, coefficients.im.field(k).data() + begin, count, re,
-           im);
+void WaveResolvent::evaluate(const Polynomial& polynomial, Complex mu, std::size_t begin, std::size_t count,
+                             WaveBlock& value) const {
+  static constexpr std::array<double, wave_block> zeros{};
+  const auto from = [begin](const grids::Buffer& part) { return part.size() > 0 ? part.data() + begin : zeros.data(); };
+  std::size_t k = polynomial.re.size();
+  while (k > 1 && polynomial.re[k - 1].size() + polynomial.im[k - 1].size() == 0) {
+    --k;
+  }
+  --k;
+  std::copy_n(from(polynomial.re[k]), count, value.re);
+  std::copy_n(from(polynomial.im[k]), count, value.im);
+  while (k-- > 0) {
+    horner(mu / radius_, from(polynomial.re[k]), from(polynomial.im[k]), count, value.re, value.im);
   }
 }
 

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 
 #include <rubato/base/status.hpp>
+#include <rubato/grids/buffer.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/wave_rows.hpp>
 
@@ -32,8 +33,9 @@ public:
   /// \param derivatives k_a of each wave, an array for each axis
   /// \param L symmetric, the part of S'' that is the same everywhere
   /// \param radius about |μ|, where the polynomials are to be good: within a factor of `reach`
+  /// \param fields whose entries are wanted, in rising order
   WaveResolvent(const MultisymplecticSystem& system, std::span<const std::vector<double>> derivatives,
-                const Eigen::MatrixXd& L, double radius);
+                const Eigen::MatrixXd& L, double radius, const std::vector<int>& fields);
   static constexpr double reach = 8.0;
   [[nodiscard]] double radius() const { return radius_; }
 
@@ -41,31 +43,46 @@ public:
   /// Success, or `undefined` where P is singular on some wave in spite of the conditions.
   [[nodiscard]] Status status() const { return status_; }
 
-  /// 1/D(μ) on every wave.
-  void start(std::complex<double> mu, WaveRows& inverse) const;
   /// True if the entry is 0 on all waves.
-  [[nodiscard]] bool is_zero(int row, int column) const { return zero_[place(row, column)]; }
-  /// The entry of P(μ)⁻¹ on the waves [begin, begin + count); `inverse` from start().
-  void entry(int row, int column, std::complex<double> mu, const WaveRows& inverse, std::size_t begin,
-             std::size_t count, double* re, double* im) const;
+  [[nodiscard]] bool is_zero(int row, int column) const {
+    return adjoint_[follows(row, column) ? place(column, row) : place(row, column)].is_zero();
+  }
+  /// 1/D(μ), and the entry of A(μ), on the waves [begin, begin + count), a block of them at most.
+  ///@{
+  void inverse(std::complex<double> mu, std::size_t begin, std::size_t count, WaveBlock& inverse) const;
+  void entry(int row, int column, std::complex<double> mu, std::size_t begin, std::size_t count,
+             WaveBlock& entry) const;
+  ///@}
 
 private:
   [[nodiscard]] std::size_t place(int row, int column) const {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(fields_) + static_cast<std::size_t>(column);
   }
 
-  void polynomial(const WaveRows& coefficients, std::complex<double> mu, std::size_t begin, std::size_t count,
-                  double* re, double* im) const;
+  /// True if the entry is that of the other side of the diagonal.
+  [[nodiscard]] bool follows(int row, int column) const { return has_mirror_ && row > column; }
 
-  int fields_, degree_;
+  /// Coefficients of (μ/radius)^k, one for each wave. Most parts are zero on all waves: those have no array, and take
+  /// no memory before that shows.
+  struct Polynomial {
+    std::vector<grids::Buffer> re, im;
+
+    Polynomial() = default;
+    Polynomial(int points, std::size_t waves);
+    [[nodiscard]] bool is_zero() const;
+    void drop_zeros();
+  };
+  class Coefficients;
+  void evaluate(const Polynomial& polynomial, std::complex<double> mu, std::size_t begin, std::size_t count,
+                WaveBlock& value) const;
+
+  int fields_;
   double radius_;
   std::size_t waves_;
   Status status_ = Status::success;
-  bool has_mirror_;                ///< whether entries below the diagonal follow from those above
-  std::vector<WaveRows> adjoint_;  ///< [row·d + column]: coefficients of (μ/radius)^k; without rows where it is zero,
-                                   ///< or follows
-  WaveRows determinant_;
-  std::vector<bool> zero_;
+  bool has_mirror_;                  ///< whether entries below the diagonal follow from those above
+  std::vector<Polynomial> adjoint_;  ///< [row·d + column]
+  Polynomial determinant_;
 };
 
 }  // namespace rubato

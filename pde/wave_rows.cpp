@@ -24,8 +24,14 @@ int transformed_at_once(const grids::Grid& grid, int fields) {
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows) {
   const std::size_t length = std::max<std::size_t>(1, fourier.row_length());  // a rank may have no waves
   const std::size_t lines = rows.waves() / length, most = static_cast<std::size_t>(fourier.fields());
-  for (std::size_t done = 0; done < fields.size(); done += most) {
-    const auto some = fields.subspan(done, std::min(most, fields.size() - done));
+  for (std::size_t done = 0, count = 0; done < fields.size(); done += count) {
+    const auto left = fields.subspan(done);
+    if (left.front() == nullptr) {
+      count = 1;
+      continue;
+    }
+    count = std::min(most, static_cast<std::size_t>(std::ranges::find(left, nullptr) - left.begin()));
+    const auto some = left.first(count);
     fourier.forward(some);
     grids::for_each_block(some.size() * lines, std::max<std::size_t>(1, grids::nodes_per_block / length),
                           [&](std::size_t begin, std::size_t end) {

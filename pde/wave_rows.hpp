@@ -77,7 +77,7 @@ CompensatedSum sum_of_pieces(std::size_t count, const Add& add) {
 /// How many of `fields` grid functions are transformed at once: of few nodes, where a transform costs as much to begin
 /// as to take, all.
 [[nodiscard]] int transformed_at_once(const grids::Grid& grid, int fields);
-/// Transforms grid functions into the first rows, as many at once as `fourier` takes.
+/// Transforms grid functions into the first rows, as many at once as `fourier` takes; null pointers are left out.
 void from_grid(std::span<const double* const> fields, grids::Fourier& fourier, WaveRows& rows);
 /// Transforms rows number `which` into grid functions, as many at once.
 void to_grid(const WaveRows& rows, std::span<const int> which, grids::Fourier& fourier,

@@ -407,17 +407,20 @@ public:
     return A;
   }
   [[nodiscard]] Status solve(Fault, const VectorXd& b, VectorXd& x) override {
-    WaveRows inverse = make_rows();
-    resolvent_.start(2.0, inverse);
+    WaveBlock inverse, entry;
+    resolvent_.inverse(2.0, 0, 1, inverse);
+    const std::complex<double> of_determinant(inverse.re[0], inverse.im[0]);
     x.setZero();
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c) {
-        double re = 0.0, im = 0.0;
-        if (!resolvent_.is_zero(r, c)) {
-          resolvent_.entry(r, c, 2.0, inverse, 0, 1, &re, &im);
+        if (resolvent_.is_zero(r, c)) {
+          continue;
         }
-        x[r] += re * b[c] - im * b[3 + c];
-        x[3 + r] += re * b[3 + c] + im * b[c];
+        resolvent_.entry(r, c, 2.0, 0, 1, entry);
+        const auto product =
+            std::complex<double>(entry.re[0], entry.im[0]) * of_determinant * std::complex<double>(b[c], b[3 + c]);
+        x[r] += product.real();
+        x[3 + r] += product.imag();
       }
     }
     return resolvent_.status();
@@ -425,14 +428,13 @@ public:
 
 private:
   static constexpr double wave = 1.3;
-  [[nodiscard]] static WaveRows make_rows() { return WaveRows(1, 1); }
   [[nodiscard]] static std::vector<std::vector<double>> waves() { return {{wave}}; }
 
   MultisymplecticSystem system_ = tests::sine_gordon();
   MatrixXd L_ = Eigen::Vector3d(0.7, 1.0, -1.0).asDiagonal();
   Eigen::MatrixXcd P_;
   std::vector<std::vector<double>> waves_ = waves();
-  WaveResolvent resolvent_{system_, waves_, L_, 2.0};
+  WaveResolvent resolvent_{system_, waves_, L_, 2.0, {0, 1, 2}};
 };
 
 /// A line for each.
