@@ -13,10 +13,12 @@ RestForecast::RestForecast(const GaussTableau& tableau, int fields, std::size_t 
       m_(tableau.stages),
       fields_(fields),
       at_last_(static_cast<std::size_t>(m_)),
-      foreseen_(static_cast<int>(ways_onward) * fields, waves),
-      off_(static_cast<int>(ways_onward) * fields, waves),
-      seen_(1, waves) {
-  past_.assign(m_ == 1 ? StageForecast{}.past.size() : WaveForecast{}.past.size(), WaveRows(fields * m_, waves));
+      past_(m_ == 1 ? StageForecast{}.past.size() : WaveForecast{}.past.size(), WaveRows(fields * m_, waves)) {
+  if (m_ > 1) {
+    foreseen_ = WaveRows(static_cast<int>(ways_onward) * fields, waves);
+    off_ = grids::FieldSet(static_cast<int>(ways_onward) * fields, waves);
+    seen_ = WaveRows(1, waves);
+  }
   for (int i = 0; i < m_; ++i) {
     for (int j = 0; j < m_; ++j) {
       onward_.push_back(tableau.lagrange(j, 1.0 + tableau.c[i]));
@@ -56,32 +58,33 @@ void RestForecast::add(double h) {
   last_h_ = h;
 }
 
-template <typename Rows>
-Rows RestForecast::rows_of(int field, std::size_t begin, WaveRows& rests) {
-  Rows rows{};
-  rows.known = known_;
+template <typename Past>
+void RestForecast::take_past(int field, std::size_t begin, Past& past) const {
   for (std::size_t back = 0; back < static_cast<std::size_t>(known_); ++back) {
-    rows.past.at(back) = rows_from(std::as_const(past_[place(back)]), field * m_, begin);
+    past.at(back) = rows_from(past_[place(back)], field * m_, begin);
   }
-  for (std::size_t way = 0; way < ways_onward; ++way) {
-    rows.off.at(way) = std::as_const(off_).field(row_of(way, field)).data() + begin;
-    rows.last.at(way) = rows_from(foreseen_, row_of(way, field), begin);
-  }
-  rows.stages = rows_from(rests, field * m_, begin);
-  return rows;
 }
 
 void RestForecast::foresee(WaveRows& rests) {
   for_each_wave_block(rests.waves(), [&](std::size_t begin, std::size_t end) {
     for (int f = 0; f < fields_; ++f) {
+      const Strided<double> stages = rows_from(rests, f * m_, begin);
       if (m_ == 1) {
-        foresee_steps(rows_of<StageForecast>(f, begin, rests), end - begin);
-      } else {
-        foresee_waves(m_, onward_.data(), rows_of<WaveForecast>(f, begin, rests), judged_, end - begin);
+        StageForecast forecast{.past = {}, .known = known_, .stage = stages};
+        take_past(f, begin, forecast.past);
+        foresee_steps(forecast, end - begin);
+        continue;
       }
+      WaveForecast forecast{.past = {}, .known = known_, .off = {}, .last = {}, .stages = stages};
+      take_past(f, begin, forecast.past);
+      for (std::size_t way = 0; way < ways_onward; ++way) {
+        forecast.off.at(way) = std::as_const(off_).field(row_of(way, f)).data() + begin;
+        forecast.last.at(way) = rows_from(foreseen_, row_of(way, f), begin);
+      }
+      foresee_waves(m_, onward_.data(), forecast, judged_, end - begin);
     }
   });
-  reported_ = true;
+  reported_ = m_ > 1;
 }
 
 void RestForecast::save(StateWriter& state, const grids::Fourier& fourier) const {

@@ -23,8 +23,9 @@ namespace rubato {
 /// - the same, and the polynomial through what it leaves of the last step, continued.
 ///
 /// Of one stage the polynomials through the last step, the last four, the last eight, or as many as are known: steps of
-/// second order are short beside what moves, and recurrences no better where they are not. Stages of several steps lie
-/// on no such polynomial, as each is off by an error of its own.
+/// second order are short beside what moves, and recurrences no better where they are not. What these come to for the
+/// last step follows from those before it, and is not kept. Stages of several steps lie on no such polynomial, as each
+/// is off by an error of its own.
 ///
 /// What is foreseen is of a step as long as the last one, and from steps that are taken to be equally long. Where they
 /// are not, each way is as far off as it is found to be.
@@ -54,22 +55,26 @@ private:
   /// Where the step so many before the last one is.
   [[nodiscard]] std::size_t place(std::size_t back) const { return (newest_ + back) % past_.size(); }
 
-  template <typename Rows>
-  [[nodiscard]] Rows rows_of(int field, std::size_t begin, WaveRows& rests);
+  /// The steps that are known.
+  template <typename Past>
+  void take_past(int field, std::size_t begin, Past& past) const;
 
   const GaussTableau tableau_;
   int m_, fields_;
   std::vector<double> onward_;   ///< ℓ_j(1 + c_i), by rows
   std::vector<double> at_last_;  ///< ℓ_j at the time for which the last stage was foreseen, in the step taken
   std::vector<WaveRows> past_;   ///< the last step's first
-  WaveRows foreseen_;            ///< the last stage, row way·fields + f
-  grids::FieldSet off_;          ///< and how far it was off the last time, in these rows
-  WaveRows seen_;                ///< one row
+  /// Of several stages:
+  ///@{
+  WaveRows foreseen_;    ///< the last stage, row way·fields + f
+  grids::FieldSet off_;  ///< and how far it was off the last time, in these rows
+  WaveRows seen_;        ///< one row
+  ///@}
   std::size_t newest_ = 0;
   int known_ = 0;
   double last_h_ = 0.0;
   bool reported_ = false;  ///< foreseen_ is of the next step
-  bool judged_ = false;    ///< off_ is of recurrences, too, which one stage has not
+  bool judged_ = false;    ///< off_ is of recurrences, too
 };
 
 }  // namespace rubato

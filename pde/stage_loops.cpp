@@ -363,10 +363,10 @@ using LaneStages = std::array<LaneNumbers, GaussTableau::most_stages>;
 }
 
 /// The polynomial through its values at -1, -2, …, at 0: the weight of the k-th of so many is -(-1)^k times a binomial
-/// coefficient.
+/// coefficient; of 0 further ones.
 constexpr auto weights_of_steps = [] {
-  constexpr std::size_t most = std::tuple_size_v<decltype(StageForecast::past)>;
-  std::array<std::array<double, most>, most + 1> weights{};
+  constexpr std::size_t most = steps_of_way.back();
+  std::array<std::array<double, most + 1>, most + 1> weights{};
   for (std::size_t points = 1; points <= most; ++points) {
     double binomial = 1.0;
     for (std::size_t k = 1; k <= points; ++k) {
@@ -377,39 +377,45 @@ constexpr auto weights_of_steps = [] {
   return weights;
 }();
 
+[[gnu::always_inline]] inline void add_weighted(double weight, const LaneNumbers& x, LaneNumbers& sum) {
+  add_weighted(weight, x.re, x.im, sum.re, sum.im);
+}
+[[gnu::always_inline]] inline void take_distance(const LaneNumbers& x, const LaneNumbers& y, EightLanes& of) {
+  take_larger_part({x.re - y.re, x.im - y.im}, of);
+}
+
 [[gnu::always_inline]] inline void foresee_steps_block(const StageForecast& forecast, std::size_t w,
                                                        std::size_t count) {
-  const auto weights = [&](std::size_t way) {
-    return weights_of_steps[static_cast<std::size_t>(std::min(steps_of_way[way], forecast.known))].data();
+  const auto weights = [&](std::size_t way, int known) {
+    return weights_of_steps[static_cast<std::size_t>(std::min(steps_of_way[way], known))].data();
   };
-  const double *of_few = weights(1), *of_many = weights(2);
-  LaneNumbers one, few, many, x;
-  take(forecast.past[0].re + w, count, one.re);
-  take(forecast.past[0].im + w, count, one.im);
-  few = many = one;
-  multiply_by(of_few[0] + EightLanes{}, few);
-  multiply_by(of_many[0] + EightLanes{}, many);
-  for (std::size_t k = 1; k < static_cast<std::size_t>(forecast.known); ++k) {
+  const int known = forecast.known;
+  const double *of_few = weights(1, known), *of_many = weights(2, known);
+  const double *of_few_before = weights(1, known - 1), *of_many_before = weights(2, known - 1);
+  LaneNumbers last = {}, before = {}, few = {}, many = {}, few_before = {}, many_before = {}, x;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(known); ++k) {
     take(forecast.past[k].re + w, count, x.re);
     take(forecast.past[k].im + w, count, x.im);
-    few.re += of_few[k] * x.re;
-    few.im += of_few[k] * x.im;
-    many.re += of_many[k] * x.re;
-    many.im += of_many[k] * x.im;
+    add_weighted(of_few[k], x, few);
+    add_weighted(of_many[k], x, many);
+    if (k == 0) {
+      last = x;
+    } else {
+      before = k == 1 ? x : before;
+      add_weighted(of_few_before[k - 1], x, few_before);
+      add_weighted(of_many_before[k - 1], x, many_before);
+    }
   }
-  give_number(one, forecast.last[0], 0, w, count);
-  give_number(few, forecast.last[1], 0, w, count);
-  give_number(many, forecast.last[2], 0, w, count);
   EightLanes off_one, off_few, off_many;
-  take(forecast.off[0] + w, count, off_one);
-  take(forecast.off[1] + w, count, off_few);
-  take(forecast.off[2] + w, count, off_many);
+  take_distance(before, last, off_one);
+  take_distance(few_before, last, off_few);
+  take_distance(many_before, last, off_many);
   const EightLanes off_two = off_many <= off_few ? off_many : off_few;
   few.re = off_many <= off_few ? many.re : few.re;
   few.im = off_many <= off_few ? many.im : few.im;
-  one.re = off_two <= off_one ? few.re : one.re;
-  one.im = off_two <= off_one ? few.im : one.im;
-  give_number(one, forecast.stages, 0, w, count);
+  last.re = off_two <= off_one ? few.re : last.re;
+  last.im = off_two <= off_one ? few.im : last.im;
+  give_number(last, forecast.stage, 0, w, count);
 }
 
 }  // namespace

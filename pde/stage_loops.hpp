@@ -80,25 +80,26 @@ void measure_distance(Strided<const double> x, Strided<const double> y, std::siz
 /// Ways in which a RestForecast goes on.
 inline constexpr std::size_t ways_onward = 3;
 
-/// A field's rows for RestForecast, those of steps for up to so many of these.
-template <std::size_t Steps>
-struct ForecastRows {
-  std::array<Strided<const double>, Steps> past;  ///< stages of the last step, and of those before it
+/// A field's rows for RestForecast, of several stages.
+struct WaveForecast {
+  std::array<Strided<const double>, 3> past;      ///< stages of the last step, and of those before it
   int known;                                      ///< of these, one at least
   std::array<const double*, ways_onward> off;     ///< how far each way was off
   std::array<Strided<double>, ways_onward> last;  ///< what each says of the last stage
   Strided<double> stages;                         ///< by the best way
 };
-
-/// Of several stages.
-using WaveForecast = ForecastRows<3>;
 /// \param onward what the polynomial through m stages is at those of the next step, by rows
 /// \param judged whether `off` reports on all ways; else of the first alone
 void foresee_waves(int m, const double* onward, const WaveForecast& forecast, bool judged, std::size_t count);
 
-/// Of one stage, by polynomials through the last steps, which are taken to be equally long: so many for each way.
-using StageForecast = ForecastRows<8>;
+/// Of one stage, by polynomials through the last steps, which are taken to be equally long: so many for each way. How
+/// far off each is shows in the last step, foreseen from those before it.
 inline constexpr std::array<int, ways_onward> steps_of_way = {1, 4, 8};
+struct StageForecast {
+  std::array<Strided<const double>, 1 + steps_of_way.back()> past;
+  int known;
+  Strided<double> stage;
+};
 void foresee_steps(const StageForecast& forecast, std::size_t count);
 
 /// The largest |y| and |y - last| of what was placed; NaN with a value that is not finite.

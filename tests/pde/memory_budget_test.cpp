@@ -126,11 +126,12 @@ TEST_CASE("a node takes no more memory than the arrays that a scheme names") {
       // Data 2, level 5, waves 2, G 1, C 1.5, weights 0.5, propagators of two lengths 4, a transform 1, derivatives 0.
       {.scheme = "splitting", .few = 96, .many = 128, .arrays = 17},
       {.scheme = "splitting", .space = "differences", .few = 96, .many = 128, .arrays = 18.5},
-      // Data 2, level 5 and what it lacks 5, increments 5; of the Gauss step: level 5, base, stages and end 15, rests
-      // and fields at stages 13, resolvent 17, forecast 14, transforms and wave numbers 6.
-      {.scheme = "fourier", .arrays = 87},
-      // With twice the stages, and with what is left of their equation.
-      {.scheme = "fourier", .stages = 2, .arrays = 138},
+      // Data 2, level 5 and, of u and v, what it lacks 2; derivatives for the energy of a level 3. Of the Gauss step:
+      // waves of u and v at level and stage 4, rows that are transformed 2, u there, at the stage and after, and rests
+      // 6, their waves 3, their map 1, resolvent 3, forecast 9, transforms and wave numbers 4.
+      {.scheme = "fourier", .arrays = 44},
+      // Stages, their rests and waves twice, their map four times, what is left of their equation 6, the level 2.
+      {.scheme = "fourier", .stages = 2, .arrays = 64},
       // Level 4 and what it lacks 4, the one before, increments, points, residuals, corrections 16, history of four 16,
       // Fourier's inverse 9 and its transforms 6, residuals of the solver and Krylov vectors 12.
       {.scheme = "box", .dimensions = 2, .few = 255, .many = 511, .arrays = 67},
