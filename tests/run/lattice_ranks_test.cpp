@@ -1058,14 +1058,15 @@ TEST_CASE("what ranks send for a level of a scheme in Fourier space is transpose
     // Of u and of the flux of three laws, there and back.
     CHECK(derivatives == 8.0);
   } else if (scheme == "midpoint") {
-    // Of each sweep u there and back; of a step the fields at its start (4) and their increments (4).
-    CHECK(fields == 2.0 * (many.sweeps - few.sweeps) / 16.0 + 8.0);
+    // Of each sweep u there and back; of a step u and v at its start (2) and their increments (2), and for its level
+    // u there and its derivatives back (3).
+    CHECK(fields == 2.0 * (many.sweeps - few.sweeps) / 16.0 + 7.0);
     // As above, of u in the middle for the laws (2), and of u, for the energy of the level (2).
     CHECK(derivatives == 12.0);
   } else {
-    // Of each sweep u at two stages, there and back; of a step the fields at its start (4), their increments (4), and
-    // at two stages the fields and the rate of u, of the laws (10).
-    CHECK(fields == 4.0 * (many.sweeps - few.sweeps) / 16.0 + 18.0);
+    // Of each sweep u at two stages, there and back; of a step and its level as before (7), and at two stages the
+    // fields and the rate of u, of the laws (10).
+    CHECK(fields == 4.0 * (many.sweeps - few.sweeps) / 16.0 + 17.0);
     // As above, and of u at two stages, and of u, for the energy of the level.
     CHECK(derivatives == 14.0);
   }
