@@ -29,6 +29,9 @@ double error_of_step(double steps_per_turn) {
   const double angle = 2.0 * std::numbers::pi / steps_per_turn;
   return angle * angle / 6.0;
 }
+/// Of the range of a coordinate or momentum, what the solution of a boundary-value problem is off beside one with half
+/// the step.
+constexpr double doubtful_halved = 0.1, lost_halved = 0.5;
 /// Relative deviations of E_k below this are rounding: the law does not determine h there, and any step meets it.
 constexpr double least_off_law = 1e-9;
 /// So are those of so many rounding errors of H where the energy is 0: E_k sums up the stages or parts of a step.
@@ -49,9 +52,11 @@ public:
     judge_period();
     judge_exact();
     judge_resolution();
+    judge_halved_steps();
     judge_events();
     judge_end();
     judge_action();
+    judge_conditions();
     for (const Reason& reason : result_.reasons) {
       result_.verdict = std::max(result_.verdict, reason.verdict);
     }
@@ -181,6 +186,49 @@ private:
                                   "pass (at t = {:.6g})",
                                   measures_.pole_t),
            .remedy = "take smaller steps, or end the run before"});
+    }
+  }
+
+  /// The same of a boundary-value problem.
+  void judge_halved_steps() {
+    if (!(measures_.halved > doubtful_halved)) {
+      return;
+    }
+    const bool found = std::isfinite(measures_.halved);
+    add({.kind = ReasonKind::resolution,
+         .verdict = found && measures_.halved > lost_halved ? Verdict::lost : Verdict::doubtful,
+         .value = measures_.halved,
+         .finding = found ? fmt::format("the steps do not resolve the orbit: they leave an error of {:.2g} of its size "
+                                        "(at t = {:.6g}), by a solution with half the step",
+                                        measures_.halved, measures_.halved_t)
+                          : "the steps do not resolve the orbit: with half the step no solution is found near it",
+         .remedy = "take smaller steps"});
+  }
+
+  void judge_conditions() {
+    if (measures_.rest == 1.0) {
+      add({.kind = ReasonKind::conditions,
+           .verdict = Verdict::doubtful,
+           .value = measures_.rest,
+           .finding = "the solution is an equilibrium, where nothing moves: the guess led there",
+           .remedy = "begin with a larger motion, or take a longer period or another energy"});
+    }
+    if (measures_.open > 0.0) {
+      const bool duration = measures_.open_duration == 1.0, energy = measures_.open_energy == 1.0;
+      const std::string_view what = duration && energy ? "the duration and the energy of the orbit"
+                                    : duration         ? "the duration of the orbit"
+                                    : energy           ? "the energy of the orbit"
+                                                       : "the orbit";
+      add({.kind = ReasonKind::conditions,
+           .verdict = Verdict::doubtful,
+           .value = measures_.open,
+           .finding = fmt::format("[solve] does not determine {}: the solution is one of a family{}", what,
+                                  measures_.open > 1.0 ? fmt::format(" of {:.0f} dimensions", measures_.open) : ""),
+           .remedy = fmt::format("give {} in place of a condition that follows from the others",
+                                 duration && energy ? "the duration or the energy"
+                                 : duration         ? "the duration"
+                                 : energy           ? "the energy"
+                                                    : "another one")});
     }
   }
 

@@ -19,9 +19,9 @@ enum class Verdict { good, doubtful, lost };
 [[nodiscard]] std::string_view to_string(Verdict verdict);
 
 /// The kinds of reasons, in the order in which they are reported; `[verdict] accept` names them.
-enum class ReasonKind { energy, law, spectrum, period, exact, resolution, event, end, action };
-inline constexpr std::array<std::string_view, 9> reason_words = {"energy",     "law",   "spectrum", "period", "exact",
-                                                                 "resolution", "event", "end",      "action"};
+enum class ReasonKind { energy, law, spectrum, period, exact, resolution, event, end, action, conditions };
+inline constexpr std::array<std::string_view, 10> reason_words = {
+    "energy", "law", "spectrum", "period", "exact", "resolution", "event", "end", "action", "conditions"};
 [[nodiscard]] inline std::string_view to_string(ReasonKind kind) {
   return reason_words[static_cast<std::size_t>(kind)];
 }
@@ -61,6 +61,14 @@ struct Measures {
   double between_nodes = none;
   /// The first level that a step over a pole of H leads to (PoleWatch).
   double pole_t = none;
+  /// Of a boundary-value problem: what its solution is off beside one with half the step, and the level (StepError);
+  /// infinite where there is none.
+  double halved = none, halved_t = none;
+  /// The directions that its conditions leave open (OpenDirections), and 1 where the duration, or the energy, changes
+  /// along them.
+  double open = none, open_duration = none, open_energy = none;
+  /// 1 where its solution is an equilibrium, and its guess moves.
+  double rest = none;
 
   [[nodiscard]] bool accepts(ReasonKind kind) const {
     return (static_cast<unsigned>(accepted) >> static_cast<unsigned>(kind) & 1U) != 0;
@@ -68,11 +76,12 @@ struct Measures {
 
   template <typename Self, typename Visitor>
   static void visit(Self& self, Visitor&& visitor) {
-    for (auto* value :
-         {&self.accepted,   &self.pure_law, &self.energy,        &self.energy_t,       &self.turn,      &self.turn_t,
-          &self.turn_least, &self.waves,    &self.waves_t,       &self.rough,          &self.frozen,    &self.period,
-          &self.seam,       &self.seam_t,   &self.exact_start,   &self.exact_residual, &self.exchanged, &self.end,
-          &self.end_wanted, &self.action,   &self.between_nodes, &self.pole_t}) {
+    for (auto* value : {&self.accepted,       &self.pure_law,   &self.energy,   &self.energy_t,   &self.turn,
+                        &self.turn_t,         &self.turn_least, &self.waves,    &self.waves_t,    &self.rough,
+                        &self.frozen,         &self.period,     &self.seam,     &self.seam_t,     &self.exact_start,
+                        &self.exact_residual, &self.exchanged,  &self.end,      &self.end_wanted, &self.action,
+                        &self.between_nodes,  &self.halved,     &self.halved_t, &self.open,       &self.open_duration,
+                        &self.open_energy,    &self.rest,       &self.pole_t}) {
       visitor(*value);
     }
   }

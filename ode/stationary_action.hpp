@@ -66,7 +66,10 @@ public:
   [[nodiscard]] Eigen::Index unknowns() const { return parameter_place() + (has_parameter() ? 1 : 0); }
   /// \param orbit where the steps are defined: else its running sums are taken as 0
   [[nodiscard]] Eigen::VectorXd pack(const NodesOfOrbit& orbit);
+  /// Linear: of a direction the changes of nodes and levels.
   [[nodiscard]] NodesOfOrbit unpack(const Eigen::VectorXd& u) const;
+  /// The direction that changes the nodes by dz, and no level.
+  [[nodiscard]] Eigen::VectorXd direction_of(std::span<const double> dz) const;
 
   /// What u leaves of the equations, and of further linear ones; the matrix of derivatives if `jacobian` is not null.
   /// \return Status::undefined outside the domain of H, or that of a step's own equations, and singular where a level
@@ -81,6 +84,8 @@ public:
   [[nodiscard]] Eigen::SparseVector<double> start_form(std::size_t i) const;
   ///@}
 
+  /// The conditions are the last rows: those of the ends, then duration and energy.
+  [[nodiscard]] Eigen::Index first_condition() const { return end_row(); }
   /// An equation, for people: "the step from level 3, in the equation of q" or "the end condition q_1 = 2".
   [[nodiscard]] std::string describe(Eigen::Index row) const;
 

@@ -31,8 +31,31 @@ inline constexpr double hyperbolic = 1e-6;
 /// An eigenvalue of the second variation of a periodic orbit, in units of its mass times h/T², that counts as 0: those
 /// of long waves are 40, and rounding leaves 1e-16 (T/h)².
 inline constexpr double vanishing = 1e-4;
+/// Beside the largest of its kind, what the range of a coordinate or momentum counts as that hardly moves (step_error).
+inline constexpr double least_range = 1e-3;
+/// Of the largest residual, where the solution is for an estimate of errors.
+inline constexpr double loose_tolerance = 1e-9;
 
 }  // namespace rubato::tuning::boundary_value
+
+/// Directions that conditions leave open (open_directions.cpp).
+namespace rubato::tuning::open_directions {
+
+/// Singular values, where 1 is that of the slowest function of the time: below the first they are rounding errors,
+/// below the second small; those of a well-posed problem are seldom below 1e-3.
+inline constexpr double rounding = 1e-8, small_value = 0.2;
+/// A small one that halved steps bring below this part of itself consists of truncation errors: at order 2 a quarter
+/// is left of these.
+inline constexpr double falling = 0.6;
+/// Of the duration or the energy, beside them, along a direction as large as the orbit: what is less is the phase,
+/// along which both change by truncation errors.
+inline constexpr double visible_change = 1e-2;
+/// Of a condition in a combination that vanishes, beside the largest.
+inline constexpr double least_share = 1e-3;
+/// Of a large system so many are looked at.
+inline constexpr std::size_t most_directions = 16;
+
+}  // namespace rubato::tuning::open_directions
 
 /// Branches of solutions (continuation.cpp).
 namespace rubato::tuning::continuation {

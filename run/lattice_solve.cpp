@@ -170,6 +170,7 @@ void solve_lattice(const Problem& problem, const RunOptions& options, const std:
   outcome.status = run.status;
   outcome.message = run.message;
   outcome.statistics = run.statistics;
+  outcome.judgement = run.judgement;
   outcome.warnings = run.warnings;
   outcome.file = run.file;
 }

@@ -17,6 +17,7 @@
 #include <rubato/run/lattice_solve.hpp>
 #include <rubato/run/record_scales.hpp>
 #include <rubato/run/recorder.hpp>
+#include <rubato/run/solution_measures.hpp>
 #include <rubato/run/solution_rows.hpp>
 #include <rubato/run/threads.hpp>
 #include <rubato/run/version.hpp>
@@ -137,6 +138,9 @@ record::Layout layout_of(const Problem& problem, const SolveOutcome& outcome, co
             "number of the guess that led to the solution, from 1");
   }
   numbers("/solve/conjugate_point", outcome.conjugate_points, "times of the points conjugate to the start");
+  if (!outcome.dependent.empty()) {
+    layout.scales.push_back({"/solve/dependent_condition", outcome.dependent, "conditions that say the same in part"});
+  }
   if (outcome.index) {
     numbers("/solve/morse_index", {static_cast<double>(*outcome.index)}, "negative directions of the second variation");
   }
@@ -225,6 +229,7 @@ void write_record(const Problem& problem, const RunOptions& options, const Solve
   record::Checkpoint checkpoint;
   checkpoint.emplace(figures::statistics_name, outcome.statistics.values());
   checkpoint.emplace(figures::statistics_names_name, outcome.statistics.names_text());
+  checkpoint.emplace(figures::measures_name, figures::to_values(outcome.statistics.measures));
   if (const StepPotential& f = outcome.solution.potential; f.active()) {
     checkpoint.emplace("step_potential", std::vector<double>{f.strength, f.length, f.exponent});
   }
@@ -289,6 +294,9 @@ public:
     return half_ ? unfold(std::move(*solved)) : solved;
   }
 
+  /// True if the guess moves and the solution rests.
+  [[nodiscard]] bool rests() const { return rests_; }
+
 private:
   using Kind = StatedSolve::Continuation::Kind;
 
@@ -302,6 +310,7 @@ private:
       return false;
     }
     outcome_.solution = solve_boundary_value(hamiltonian_, ends_, guess, settings_);
+    rests_ = false;
     outcome_.message =
         outcome_.solution.found()
             ? ""
@@ -309,15 +318,14 @@ private:
                   "{}; {}{}", outcome_.solution.message, guess_remedy,
                   half_ ? "; the time from start to until is a guess of the whole period, not of its half" : "");
     if (outcome_.solution.found() && came_to_rest(outcome_.solution.orbit, guess)) {
-      const std::string at_rest =
-          "the solution is an equilibrium, where nothing moves: the guess led there. Begin with a larger motion, or "
-          "take a longer period or another energy";
+      rests_ = true;
       if (half_) {
         outcome_.solution.status = Status::not_converged;  // no half of an orbit
-        outcome_.message = at_rest;
+        outcome_.message =
+            "the solution is an equilibrium, where nothing moves: the guess led there. Begin with a larger motion, or "
+            "take a longer period or another energy";
         return false;
       }
-      outcome_.warnings.push_back(at_rest);
     }
     return outcome_.solution.found();
   }
@@ -447,7 +455,7 @@ private:
   const Problem& problem_;
   const StatedSolve& stated_;
   SolveOutcome& outcome_;
-  bool half_;
+  bool half_, rests_ = false;
   Hamiltonian hamiltonian_;
   EndConditions ends_;
   BoundaryValueOptions settings_;
@@ -455,13 +463,19 @@ private:
 
 /// solve_problem() of an orbit, as solve_lattice().
 void solve_orbit(const Problem& problem, const RunOptions& options, const std::string& file, SolveOutcome& outcome) {
-  const std::optional<Problem> solved = Search(problem, outcome).run();  // at the end of a branch another one
+  Search search(problem, outcome);
+  const std::optional<Problem> solved = search.run();  // at the end of a branch another one
   if (!solved) {
     return;
   }
   outcome.file = file;
   const SolutionRows rows(*solved, outcome.solution);
   outcome.statistics = rows.statistics(outcome.solution);
+  SolutionMeasures measured = measure_solution(*solved, outcome.solution.orbit, search.rests());
+  outcome.statistics.measures = measured.measures;
+  outcome.error = std::move(measured.error);
+  outcome.dependent = std::move(measured.open.dependent);
+  outcome.judgement = figures::judge(outcome.statistics);
   add_second_variation(*solved, make_hamiltonian(*solved), outcome);
   write_record(*solved, options, outcome, rows);
 }
@@ -519,9 +533,12 @@ SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
   } catch (const std::invalid_argument& error) {
     throw ProblemError(problem.solve->location, error.what());
   }
-  if (outcome.file.empty()) {
+  if (!outcome.found()) {
     outcome.status = ExitStatus::failed;
     outcome.message += "; nothing was written";
+  } else if (outcome.judgement.verdict == figures::Verdict::lost) {
+    outcome.status = ExitStatus::lost;
+    outcome.message = fmt::format("a solution was found, but it is {}", figures::text_of(outcome.judgement));
   }
   outcome.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
   return outcome;

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <rubato/ode/boundary_value.hpp>
+#include <rubato/ode/step_error.hpp>
 #include <rubato/record/reader.hpp>
 #include <rubato/run/run.hpp>
 
@@ -32,10 +32,16 @@ struct SolveOutcome {
   std::vector<double> conjugate_points;           ///< times
   std::string parameter;                          ///< of the branch
   std::vector<BranchRow> branch;                  ///< the last one is the solution
+  std::optional<StepError> error;                 ///< of an orbit, by half the step
+  std::vector<std::string> dependent;             ///< its conditions that say the same in part (OpenDirections)
+  figures::Judgement judgement;                   ///< the verdict
   std::optional<double> closing;                  ///< of a lattice: |z_N - z_0| of its run, beside the largest value
   std::string message;                            ///< why there is no solution, with the remedy; empty if there is
   std::vector<std::string> warnings;
   double wall_seconds = 0.0;
+
+  /// True if there is a solution, whatever it is worth.
+  [[nodiscard]] bool found() const { return !file.empty(); }
 };
 
 /// Solves the boundary-value problem that [solve] states, and writes the orbit as a record that is laid out as that of

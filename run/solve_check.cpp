@@ -9,6 +9,7 @@
 #include <rubato/problem/stored.hpp>
 #include <rubato/run/conclusion.hpp>
 #include <rubato/run/disagreements.hpp>
+#include <rubato/run/solution_measures.hpp>
 #include <rubato/run/solution_rows.hpp>
 #include <rubato/run/solve.hpp>
 
@@ -66,7 +67,7 @@ public:
     if (found.energy.size() == stored.orbit.segments()) {
       compare(SolutionRows(problem_, found));
     }
-    return outcome(SolutionRows(problem_, found), found);
+    return outcome(SolutionRows(problem_, found), found, check_measures(found));
   }
 
 private:
@@ -85,6 +86,25 @@ private:
       column("/laws/" + rows.invariant_names[i], rows.invariants[i],
              [](double value) { return Rounding::unit * std::abs(value); });
     }
+  }
+
+  /// Those of the verdict, from the orbit; but whether it rests where the guess moves is what the record says. A record
+  /// of an earlier version has none.
+  figures::Measures check_measures(const BoundaryValueSolution& found) {
+    const std::string path(figures::measures_path);
+    const figures::Measures stored = reader_.has(path) ? figures::measures_of(reader_.read(path)) : figures::Measures{};
+    if (!found.found()) {
+      return stored;
+    }
+    const figures::Measures recomputed = measure_solution(problem_, found.orbit, stored.rest == 1.0).measures;
+    constexpr double errors_of_newton = 1e-6;
+    const std::vector<double> was = figures::to_values(stored), is = figures::to_values(recomputed);
+    for (std::size_t i = 0; i < is.size() && reader_.has(path); ++i) {
+      findings_.compare(
+          path, i, {}, was[i], is[i], [&] { return errors_of_newton * (1.0 + std::abs(is[i])); },
+          "from the states and the conditions");
+    }
+    return recomputed;
   }
 
   void check_velocities(const std::vector<double>& recomputed) {
@@ -116,13 +136,14 @@ private:
     }
   }
 
-  Outcome outcome(const SolutionRows& rows, const BoundaryValueSolution& found) {
+  Outcome outcome(const SolutionRows& rows, const BoundaryValueSolution& found, const figures::Measures& measures) {
     Outcome result;
     result.title = problem_.title;
     result.file = reader_.file().string();
     result.variable_levels = problem_.scheme.levels == Levels::variable;
     result.complete = true;
     result.statistics = rows.statistics(found);
+    result.statistics.measures = measures;
     Spread residual;
     residual.add(found.residual);
     result.statistics.residuals.push_back({"stationarity", residual});

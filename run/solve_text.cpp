@@ -21,12 +21,21 @@ std::string to_json(const SolveOutcome& outcome) {
   }
   figures::JsonObject found;
   found.number("residual", solution.residual).text("largest_in", solution.worst);
-  if (outcome.status == ExitStatus::done) {
+  if (outcome.found()) {
     found.number(outcome.closes ? "period" : "time", solution.orbit.duration());
     if (outcome.closing) {
       found.number("closing", *outcome.closing);
     }
     found.number("energy", solution.mean_energy).number("conserved_energy", solution.conserved);
+    if (outcome.error && outcome.error->halved.found()) {
+      figures::JsonObject error;
+      error.number("relative", outcome.error->relative);
+      error.number(outcome.closes ? "period" : "time", outcome.error->duration);
+      found.object("step_error", error.number("energy", outcome.error->energy));
+    }
+    if (!outcome.dependent.empty()) {
+      found.texts("dependent_conditions", outcome.dependent);
+    }
     std::vector<figures::JsonObject> multipliers;
     for (const std::complex<double>& multiplier : outcome.multipliers) {
       figures::JsonObject one;
@@ -68,7 +77,7 @@ std::string to_json(const SolveOutcome& outcome) {
     }
     object.objects("branch", points);
   }
-  if (outcome.status == ExitStatus::done) {
+  if (outcome.found()) {
     figures::add_figures(object, outcome.statistics);
   }
   object.number("wall_seconds", outcome.wall_seconds);
@@ -82,6 +91,7 @@ std::string to_json(const SolveOutcome& outcome) {
 }
 
 std::string to_table(const SolveOutcome& outcome) {
+  using figures::label_of, figures::LineKind;
   std::string table = outcome.title + "\n";
   const auto row = [&table](std::string_view name, std::string_view value) {
     table += fmt::format("  {:<26} {}\n", name, value);
@@ -113,10 +123,11 @@ std::string to_table(const SolveOutcome& outcome) {
       }
     }
   }
-  if (outcome.status != ExitStatus::done) {
+  if (!outcome.found()) {
     row("verdict", "not found");
     return table;
   }
+  row("residual", fmt::format("{:.1e}, the largest", solution.residual));
   row("steps", fmt::format("{}", solution.orbit.segments()));
   row("h", fmt::format("{:.6g} ... {:.6g}", outcome.statistics.h.min, outcome.statistics.h.max));
   row(outcome.closes ? "period" : "time", fmt::format("{:.15g}", solution.orbit.duration()));
@@ -141,7 +152,19 @@ std::string to_table(const SolveOutcome& outcome) {
   for (const double t : outcome.conjugate_points) {
     row("conjugate point", fmt::format("t = {:.10g}", t));
   }
-  row("verdict", fmt::format("found: the largest residual is {:.1e}", solution.residual));
+  if (outcome.error && outcome.error->halved.found()) {
+    const auto part = [](double error, std::string_view of) {
+      return error > 0.0 ? fmt::format(", {:.1e} in the {}", error, of) : "";
+    };
+    row(label_of(LineKind::accuracy),
+        fmt::format("{:.1e} of the size of the orbit{}{}, by half the step", outcome.error->relative,
+                    part(outcome.error->duration, outcome.closes ? "period" : "time"),
+                    part(outcome.error->energy, "energy")));
+  }
+  if (!outcome.dependent.empty()) {
+    row("dependent conditions", fmt::format("{}", fmt::join(outcome.dependent, "; ")));
+  }
+  row(label_of(LineKind::verdict), figures::text_of(outcome.judgement));
   row("time taken", fmt::format("{:.3g} s", outcome.wall_seconds));
   row("record", outcome.file);
   return table;

@@ -38,15 +38,23 @@ double fewest_steps_per_turn(int order) {
 
 }  // namespace
 
+figures::Measures first_measures(const Problem& problem) {
+  figures::Measures measures;
+  measures.pure_law = problem.scheme.potential.kind == StepPotentialChoice::Kind::none ? 1.0 : 0.0;
+  for (const figures::ReasonKind kind : problem.accepted) {
+    measures.accepted += std::exp2(static_cast<double>(kind));
+  }
+  return measures;
+}
+
 VerdictMeter::VerdictMeter(const Problem& problem)
-    : dense_(density_of(problem)), stored_(std::numeric_limits<std::size_t>::max()), poles_(problem) {
+    : dense_(density_of(problem)),
+      stored_(std::numeric_limits<std::size_t>::max()),
+      poles_(problem),
+      measures_(first_measures(problem)) {
   const auto stored = static_cast<std::size_t>(problem.output.states_every());
   if (problem.hamiltonian() == nullptr && stored >= lattice_density) {
     stored_ = stored;
-  }
-  measures_.pure_law = problem.scheme.potential.kind == StepPotentialChoice::Kind::none ? 1.0 : 0.0;
-  for (const figures::ReasonKind kind : problem.accepted) {
-    measures_.accepted += std::exp2(static_cast<double>(kind));
   }
 }
 

@@ -11,6 +11,9 @@
 
 namespace rubato {
 
+/// What a problem says of the verdict on it.
+[[nodiscard]] figures::Measures first_measures(const Problem& problem);
+
 /// Takes the measures of the verdict along a run. It looks at a sample of the levels, so that its cost is small beside
 /// that of the steps: each of the first ones, fewer of a large system, then levels at distances in proportion to their
 /// number, and on a lattice all that are stored, if these are few. Poles of H are looked for in every step. A lattice

@@ -8,6 +8,7 @@
 namespace rubato::solve {
 
 using Eigen::Index;
+using Eigen::MatrixXd;
 using Eigen::SparseMatrix;
 using Eigen::VectorXd;
 
@@ -36,6 +37,13 @@ Status DampedLeastSquares::solve(const VectorXd& r, VectorXd& x) {
   const VectorXd both = factors_.solve(right);
   x = both.tail(right.size() - r.size());
   return x.allFinite() ? Status::success : Status::ill_conditioned;
+}
+
+Status DampedLeastSquares::solve_normal(const MatrixXd& B, MatrixXd& X) {
+  MatrixXd right = MatrixXd::Zero(factors_.size(), B.cols());
+  right.bottomRows(B.rows()) = -B;
+  X = factors_.solve(right).bottomRows(B.rows());
+  return X.allFinite() ? Status::success : Status::ill_conditioned;
 }
 
 std::optional<std::size_t> eigenvalues_below(const SparseMatrix<double>& matrix, double shift) {

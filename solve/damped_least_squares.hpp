@@ -24,6 +24,8 @@ public:
   Status factor(const Eigen::SparseMatrix<double>& J, double damping);
   /// With the J that was factored last. \return Status::ill_conditioned where x is not finite
   Status solve(const Eigen::VectorXd& r, Eigen::VectorXd& x);
+  /// X = (JᵀJ + s²)⁻¹B s, likewise.
+  Status solve_normal(const Eigen::MatrixXd& B, Eigen::MatrixXd& X);
 
 private:
   SparseFactors factors_;

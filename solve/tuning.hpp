@@ -41,6 +41,16 @@ inline constexpr double least_residual = 1e-20;
 
 }  // namespace rubato::tuning::damped_newton
 
+/// Singular vectors of sparse matrices (singular_vectors.cpp).
+namespace rubato::tuning::singular_vectors {
+
+/// s beside entries about 1: values below it count as 0.
+inline constexpr double damping = 1e-9;
+/// Each divides what is mixed in of the first value left out by the square of its ratio.
+inline constexpr int iterations = 6;
+
+}  // namespace rubato::tuning::singular_vectors
+
 /// Dense systems (dense_solver.cpp).
 namespace rubato::tuning::dense {
 

@@ -47,7 +47,7 @@ Ending ending_of(const SolveOutcome& outcome) {
           .file = outcome.file,
           .title = outcome.title,
           .warnings = outcome.warnings,
-          .verdict = outcome.status == ExitStatus::done ? "good" : ""};
+          .verdict = outcome.found() ? std::string(figures::to_string(outcome.judgement.verdict)) : ""};
 }
 
 Ending run_to_file(const SharedProblem& bound, const std::string& file, bool overwrite, bool tangents, int threads,

@@ -427,7 +427,7 @@ def solve(problem, conditions=None, output=None, *, overwrite=False, settings=No
     read = _problem_of(problem, overrides, [*(settings or ()), *stated], "solve")
     with _Place(output) as place:
         ending = _core.solve(read, place, overwrite or output is None, threads_of(threads))
-        if ending.status != 0:
+        if not ending.verdict:
             _warn(ending.warnings)
             return Summary(ending.table, ending.json, status=ending.status, message=ending.message,
                            warnings=ending.warnings)

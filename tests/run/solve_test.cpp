@@ -67,7 +67,7 @@ TEST_CASE("solve: the record of a solution is checked from its states, and what 
   CHECK(outcome.statistics.steps == 22);
   CHECK(outcome.statistics.energy_deviation() < 1e-14);
   CHECK(to_json(outcome).find("\"residual\"") != std::string::npos);
-  CHECK_THAT(to_table(outcome), Catch::Contains("verdict                    found"));
+  CHECK_THAT(to_table(outcome), Catch::Contains("verdict                    good"));
   const Outcome checked = check(file);
   CHECK(checked.status == ExitStatus::done);
   CHECK(checked.compared > 100);
@@ -188,12 +188,14 @@ TEST_CASE("solve: an orbit of no duration is no solution, and one that rests is 
   const SolveOutcome some = closed({"solve.energy=-0.5"});  // twin
   REQUIRE(some.status == ExitStatus::done);
   CHECK(some.solution.mean_energy == Approx(-0.5).epsilon(1e-12));
-  CHECK(some.warnings.empty());
+  CHECK(some.judgement.reasons.empty());
   // No oscillation has a period below 2 pi.
   const SolveOutcome rest = closed({"solve.period=3", "-solve.energy"});
   REQUIRE(rest.status == ExitStatus::done);
   CHECK_THAT(to_json(rest), Catch::Contains("equilibrium"));
-  CHECK(closed({"solve.period=8", "-solve.energy"}).warnings.empty());  // twin
+  CHECK(rest.judgement.verdict == figures::Verdict::doubtful);
+  CHECK(check(folder / "closed.h5").judgement.verdict == figures::Verdict::doubtful);
+  CHECK(closed({"solve.period=8", "-solve.energy"}).judgement.reasons.empty());  // twin
   // The law of levels leaves their lengths open there.
   const auto other = [&](std::vector<std::string> settings, const std::string& until) {
     settings.insert(settings.end(), {"-solve.energy", "initial.q=0.5", "initial.p=0", "scheme.until=" + until});
@@ -210,6 +212,71 @@ TEST_CASE("solve: an orbit of no duration is no solution, and one that rests is 
   // The twin: the half of an orbit, begun from a guess of its period.
   CHECK(other({"solve.ends=symmetric", "solve.mirror=[\"p\"]", "solve.energy=-0.87758"}, "6.2").status ==
         ExitStatus::done);
+}
+
+TEST_CASE("solve: the verdict is by half the step, and a check finds it again") {
+  const Folder folder;
+  const std::string file = folder / "closed.h5";
+  const auto closed = [&](std::vector<std::string> settings) {
+    settings.insert(settings.end(), {"solve.ends=periodic", "-solve.energy"});
+    return solve_problem(problem_with(settings), {.output = file, .overwrite = true});
+  };
+  // Four steps of order 2 in a turn have an error of a seventh of it, by the elliptic integral.
+  const SolveOutcome coarse = closed({"solve.energy=-0.5", "initial.q=1", "scheme.until=6.7", "scheme.step=1.675"});
+  CHECK(coarse.status == ExitStatus::done);
+  CHECK(coarse.judgement.verdict == figures::Verdict::doubtful);
+  CHECK_THAT(to_table(coarse), Catch::Contains("doubtful: the steps do not resolve the orbit"));
+  CHECK_THAT(to_json(coarse), Catch::Contains("\"what\": \"resolution\"") && Catch::Contains("\"step_error\""));
+  CHECK(check(file).judgement.verdict == figures::Verdict::doubtful);
+  CHECK(closed({"solve.energy=-0.5", "initial.q=1", "scheme.until=6.7", "scheme.step=1.675",
+                "verdict.accept=[\"resolution\"]"})
+            .judgement.verdict == figures::Verdict::good);
+  CHECK(closed({"solve.energy=-0.5", "initial.q=1", "scheme.until=6.7", "scheme.step=0.2"}).judgement.verdict ==
+        figures::Verdict::good);  // twin
+  // Seven steps of order 8 close on a zigzag, which no orbit of the pendulum follows.
+  const SolveOutcome none =
+      closed({"scheme.lagrangian=gauss", "scheme.stages=4", "scheme.levels=fixed", "initial.q=3", "initial.p=0",
+              "solve.period=20", "scheme.until=20", "scheme.step=2.857142857142857"});
+  CHECK(none.judgement.verdict != figures::Verdict::good);
+  // Lost is a status of its own, and has a record that is sound.
+  const SolveOutcome lost =
+      closed({"scheme.lagrangian=midpoint", "scheme.levels=variable", "initial.q=3", "initial.p=0", "solve.period=20",
+              "scheme.until=20", "scheme.step=1.6666666666666667"});
+  CHECK(lost.status == ExitStatus::lost);
+  CHECK_THAT(lost.message, Catch::Contains("a solution was found, but it is lost"));
+  const Outcome checked = check(file);
+  CHECK(checked.status == ExitStatus::done);
+  CHECK(checked.judgement.verdict == figures::Verdict::lost);
+  // Twin: a measure that was made better.
+  falsify(file, "/checkpoint/verdict", 21, -1.0);
+  CHECK(check(file).status == ExitStatus::contradiction);
+}
+
+TEST_CASE("solve: conditions that leave the orbit open are named, and the verdict is doubtful") {
+  const Folder folder;
+  const auto solved = [&](std::vector<std::string> settings) {
+    settings.insert(settings.end(), {"initial.q=0", "initial.p=1", "scheme.until=3"});
+    return solve_problem(problem_with(settings), {.output = folder / "open.h5", .overwrite = true});
+  };
+  const SolveOutcome twice = solved({"solve.ends=[\"q_0 = 0\", \"2*q_0 = 0\"]", "-solve.energy"});
+  CHECK(twice.status == ExitStatus::done);
+  CHECK(twice.judgement.verdict == figures::Verdict::doubtful);
+  CHECK_THAT(to_table(twice), Catch::Contains("dependent conditions       the end condition q_0 = 0; the end condition "
+                                              "2*q_0 = 0") &&
+                                  Catch::Contains("does not determine the energy of the orbit"));
+  CHECK_THAT(to_json(twice),
+             Catch::Contains("\"dependent_conditions\"") && Catch::Contains("\"what\": \"conditions\""));
+  CHECK(check(folder / "open.h5").judgement.verdict == figures::Verdict::doubtful);
+  const SolveOutcome energy = solved({"solve.ends=[\"q_0 = 0\", \"p_0 = 1\"]", "solve.energy=-0.5"});
+  CHECK_THAT(to_table(energy), Catch::Contains("does not determine the duration of the orbit"));
+  // Twins: another condition; a member of the family that is taken as it is; a family that is asked for.
+  CHECK(solved({"solve.ends=[\"q_0 = 0\", \"2*q_1 = 1\"]", "-solve.energy"}).judgement.reasons.empty());
+  CHECK(solved({"solve.ends=[\"q_0 = 0\", \"2*q_0 = 0\"]", "-solve.energy", "verdict.accept=[\"conditions\"]"})
+            .judgement.verdict == figures::Verdict::good);
+  CHECK(solve_problem(problem_with({"solve.ends=periodic", "solve.period=free", "-solve.energy", "initial.q=1",
+                                    "initial.p=0", "scheme.until=6.7"}),
+                      {.output = folder / "free.h5"})
+            .judgement.reasons.empty());
 }
 
 TEST_CASE("solve: wrong entries are refused with their place and a remedy") {
