@@ -29,8 +29,8 @@ double error_of_step(double steps_per_turn) {
   const double angle = 2.0 * std::numbers::pi / steps_per_turn;
   return angle * angle / 6.0;
 }
-/// Of the range of a coordinate or momentum, what the solution of a boundary-value problem is off beside one with half
-/// the step.
+/// Of the range of a coordinate or momentum, or of the duration, what the solution of a boundary-value problem is off
+/// by one with half the step.
 constexpr double doubtful_halved = 0.1, lost_halved = 0.5;
 /// Relative deviations of E_k below this are rounding: the law does not determine h there, and any step meets it.
 constexpr double least_off_law = 1e-9;
@@ -198,8 +198,8 @@ private:
     add({.kind = ReasonKind::resolution,
          .verdict = found && measures_.halved > lost_halved ? Verdict::lost : Verdict::doubtful,
          .value = measures_.halved,
-         .finding = found ? fmt::format("the steps do not resolve the orbit: they leave an error of {:.2g} of its size "
-                                        "(at t = {:.6g}), by a solution with half the step",
+         .finding = found ? fmt::format("the steps do not resolve the orbit: by a solution with half the step they "
+                                        "leave an error of {:.2g} of its size or duration (at t = {:.6g})",
                                         measures_.halved, measures_.halved_t)
                           : "the steps do not resolve the orbit: with half the step no solution is found near it",
          .remedy = "take smaller steps"});

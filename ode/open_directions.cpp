@@ -99,31 +99,38 @@ OpenDirections open_directions(const Hamiltonian& hamiltonian, const EndConditio
     return result;
   }
   std::optional<Linearised> coarse;
-  Index open = 0;
-  const auto falls = [&](Index i) {
+  const auto is_settled = [&](double value) {
     if (!coarse) {
       coarse.emplace(hamiltonian, *segments, ends, solution, options);
     }
-    return coarse->defined() && fine.value(i) < falling * coarse->value(i);
+    bool settled = false;
+    for (Index i = 0; coarse->defined() && i < coarse->count(); ++i) {
+      settled = settled || (value > settling * coarse->value(i) && coarse->value(i) > settling * value);
+    }
+    return settled;
   };
-  while (open < fine.count() && (fine.value(open) < rounding || (fine.value(open) < small_value && falls(open)))) {
-    ++open;
+  std::vector<Index> open;
+  for (Index i = 0; i < fine.count(); ++i) {
+    if (const double value = fine.value(i); value < rounding || (value < small_value && !is_settled(value))) {
+      open.push_back(i);
+    }
   }
-  if (open == 0) {
+  if (open.empty()) {
     return result;
   }
-  MatrixXd changes(2, open);
+  const auto count = static_cast<Index>(open.size());
+  MatrixXd changes(2, count);
   const double energy = energy_scale(hamiltonian, halved);
-  for (Index i = 0; i < open; ++i) {
-    const NodesOfOrbit direction = fine.direction(i);
+  for (Index i = 0; i < count; ++i) {
+    const NodesOfOrbit direction = fine.direction(open[static_cast<std::size_t>(i)]);
     changes(0, i) = direction.duration() / halved.duration();
     changes(1, i) = change_of_energy(hamiltonian, halved, direction) / energy;
   }
   result.duration = changes.row(0).norm() > visible_change;
   result.energy = changes.row(1).norm() > visible_change;
   if (which == OpenAlong::any) {
-    result.count = static_cast<std::size_t>(open);
-    result.dependent = fine.dependent(open);
+    result.count = open.size();
+    result.dependent = fine.dependent(count);
   } else {
     result.count = static_cast<std::size_t>((solve::singular_values(changes).values.array() > visible_change).count());
   }

@@ -23,9 +23,9 @@ struct OpenDirections {
 enum class OpenAlong { any, duration_or_energy };
 
 /// Finds them as small singular values of the equations, whose right singular vectors they are: values that are
-/// rounding errors, and such as fall with the step from the solution to that with halved steps (StepError). The latter
-/// are due to the discretisation alone: what they determine is no property of the motion. All other small singular
-/// values keep their size, since equations and unknowns are scaled as functions of the time.
+/// rounding errors, and values that change from the solution to that with half the step (StepError). The latter are due
+/// to the discretisation alone: what they determine is no property of the motion. All other small singular values keep
+/// their size, since equations and unknowns are scaled as functions of the time.
 [[nodiscard]] OpenDirections open_directions(const Hamiltonian& hamiltonian, const EndConditions& ends,
                                              const NodesOfOrbit& solution, const NodesOfOrbit& halved,
                                              const BoundaryValueOptions& options, OpenAlong which);

@@ -81,6 +81,10 @@ StepError step_error(const Hamiltonian& hamiltonian, const EndConditions& ends, 
   }
   const BoundaryValueSolution whole = boundary_value_residual(hamiltonian, ends, solution, {}, held);
   error.duration = options.duration ? 0.0 : factor * std::abs(solution.duration() - halved.duration());
+  if (const double late = error.duration / std::abs(solution.duration()); late > error.relative) {
+    error.relative = late;
+    error.level = solution.segments();
+  }
   error.energy = options.energy ? 0.0 : factor * std::abs(whole.mean_energy - error.halved.mean_energy);
   return error;
 }

@@ -17,8 +17,8 @@ struct StepError {
   std::vector<double> components = {};
   double duration = 0.0, energy = 0.0;
   ///@}
-  /// The largest of `components` beside the range of its coordinate or momentum along the orbit (see step_error()), and
-  /// the level and component there. Infinite where no solution was found.
+  /// The largest of `components` beside the range of its coordinate or momentum along the orbit (see step_error()), or
+  /// of the duration beside itself, and the level and component there. Infinite where no solution was found.
   double relative = 0.0;
   std::size_t level = 0, component = 0;
 };

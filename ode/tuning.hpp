@@ -44,9 +44,9 @@ namespace rubato::tuning::open_directions {
 /// Singular values, where 1 is that of the slowest function of the time: below the first they are rounding errors,
 /// below the second small; those of a well-posed problem are seldom below 1e-3.
 inline constexpr double rounding = 1e-8, small_value = 0.2;
-/// A small one that halved steps bring below this part of itself consists of truncation errors: at order 2 a quarter
-/// is left of these.
-inline constexpr double falling = 0.6;
+/// A small one to which half the step leaves none within this factor, up or down, consists of truncation errors: at
+/// order 2 these fall to a quarter.
+inline constexpr double settling = 0.6;
 /// Of the duration or the energy, beside them, along a direction as large as the orbit: what is less is the phase,
 /// along which both change by truncation errors.
 inline constexpr double visible_change = 1e-2;

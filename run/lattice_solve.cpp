@@ -97,6 +97,62 @@ double distance_after_period(const Problem& problem) {
   return distance;
 }
 
+/// Each step in two halves: between its levels fields are interpolated by cubics, and those of the middle of a step
+/// stay as they are.
+PeriodOfLattice halved_steps(const MultisymplecticSystem& system, const PeriodOfLattice& orbit) {
+  PeriodOfLattice halved{.levels = {}, .slopes = orbit.slopes, .period = orbit.period};
+  const std::size_t steps = orbit.steps();
+  const auto level = [&](std::size_t k) -> const grids::FieldSet& { return orbit.levels[k % steps]; };
+  for (std::size_t k = 0; k < steps; ++k) {
+    grids::FieldSet between = level(k);
+    for (int f = 0; f < between.fields(); ++f) {
+      const std::span<double> middle = between.field(f);
+      for (std::size_t i = 0; i < middle.size() && !system.structure().algebraic[static_cast<std::size_t>(f)]; ++i) {
+        middle[i] = (9.0 * (level(k).field(f)[i] + level(k + 1).field(f)[i]) - level(k + steps - 1).field(f)[i] -
+                     level(k + 2).field(f)[i]) /
+                    16.0;
+      }
+    }
+    halved.levels.push_back(level(k));
+    halved.levels.push_back(std::move(between));
+  }
+  return halved;
+}
+
+/// As step_error() of an orbit: of the error that the steps leave, the largest beside the largest value of its field
+/// (closing_scales()). \param start the time of the first level
+HalvedMeasure error_by_halved_steps(const MultisymplecticSystem& system, const PeriodOfLattice& orbit,
+                                    const PeriodicLatticeSolution& halved, int order, double start) {
+  if (!halved.found()) {
+    return {.relative = std::numeric_limits<double>::infinity(), .t = start};
+  }
+  const double factor = 1.0 / (1.0 - std::exp2(-order));
+  const int fields = orbit.levels.front().fields();
+  std::vector<double> largest(static_cast<std::size_t>(fields), 0.0);
+  const auto moves = [&](int f) { return !system.structure().algebraic[static_cast<std::size_t>(f)]; };
+  for (const grids::FieldSet& level : orbit.levels) {
+    for (int f = 0; f < fields; ++f) {
+      double& size = largest[static_cast<std::size_t>(f)];
+      size = std::max(size, grids::max_abs(level.field(f)));
+    }
+  }
+  const std::vector<double> scales = closing_scales(std::move(largest));
+  HalvedMeasure error{.relative = factor * std::abs(halved.orbit.period / orbit.period - 1.0),
+                      .t = start + orbit.period};
+  for (std::size_t k = 0; k < orbit.steps(); ++k) {
+    for (int f = 0; f < fields; ++f) {
+      const std::span<const double> was = orbit.levels[k].field(f), is = halved.orbit.levels[2 * k].field(f);
+      for (std::size_t i = 0; i < was.size() && moves(f); ++i) {
+        const double here = factor * std::abs(was[i] - is[i]) / scales[static_cast<std::size_t>(f)];
+        if (here > error.relative) {
+          error = {.relative = here, .t = start + orbit.step() * static_cast<double>(k)};
+        }
+      }
+    }
+  }
+  return error;
+}
+
 double largest_of(const PeriodOfLattice& orbit) {
   double largest = 0.0;
   for (const grids::FieldSet& level : orbit.levels) {
@@ -117,6 +173,7 @@ std::vector<double> closing_scales(std::vector<double> largest) {
 
 void solve_lattice(const Problem& problem, const RunOptions& options, const std::string& file, SolveOutcome& outcome) {
   constexpr double least_part_of_guess = 1e-9;
+  constexpr double tolerance_of_estimate = 1e-9;
   constexpr const char* remedy = "begin nearer to the orbit ([initial]), or with another number of steps";
   const StatedSolve& stated = *problem.solve;
   const MultisymplecticSystem system = make_system(problem);
@@ -128,11 +185,12 @@ void solve_lattice(const Problem& problem, const RunOptions& options, const std:
                                   stated.steps, remedy);
     return;
   }
-  PeriodicLatticeSolution found = solve_periodic_lattice(system, make_grid(problem), step_of(problem, system), guess,
-                                                         {.period = stated.duration,
-                                                          .energy = stated.energy,
-                                                          .tolerance = stated.tolerance,
-                                                          .most_iterations = stated.most_iterations});
+  PeriodicLatticeOptions newton{.period = stated.duration,
+                                .energy = stated.energy,
+                                .tolerance = stated.tolerance,
+                                .most_iterations = stated.most_iterations};
+  PeriodicLatticeSolution found =
+      solve_periodic_lattice(system, make_grid(problem), step_of(problem, system), guess, newton);
   BoundaryValueSolution& solution = outcome.solution;
   solution.status = found.search.status;
   solution.residual = found.search.residual;
@@ -164,9 +222,15 @@ void solve_lattice(const Problem& problem, const RunOptions& options, const std:
         *outcome.closing, closing_tolerance);
     return;
   }
+  newton.tolerance = std::max(newton.tolerance, tolerance_of_estimate);
+  const HalvedMeasure error =
+      error_by_halved_steps(system, found.orbit,
+                            solve_periodic_lattice(system, make_grid(problem), step_of(problem, system),
+                                                   halved_steps(system, found.orbit), newton),
+                            lattice.order(), problem.start());
   RunOptions to_file = options;
   to_file.output = file;
-  const Outcome run = run_with_scales(solved.problem(), to_file, history_scales(solution.history));
+  const Outcome run = run_with_scales(solved.problem(), to_file, history_scales(solution.history), error);
   outcome.status = run.status;
   outcome.message = run.message;
   outcome.statistics = run.statistics;

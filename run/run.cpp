@@ -62,8 +62,9 @@ public:
   }
 
   /// \param scales further ones of the record
-  Outcome start(std::vector<record::Scale> scales = {}) {
+  Outcome start(std::vector<record::Scale> scales = {}, const HalvedMeasure& halved = {}) {
     const Storing storing(options_.storing);
+    observed_->meter().set_halved(halved.relative, halved.t);
     if (memory_ != nullptr) {
       require_room();
       memory_->begin(observed_->layout());
@@ -530,7 +531,8 @@ Outcome run(const Problem& problem, const RunOptions& options) {
   return run_with_scales(problem, options, {});
 }
 
-Outcome run_with_scales(const Problem& problem, const RunOptions& options, std::vector<record::Scale> scales) {
+Outcome run_with_scales(const Problem& problem, const RunOptions& options, std::vector<record::Scale> scales,
+                        const HalvedMeasure& halved) {
   refuse_unshared(problem, options);
   if (const auto* pde = problem.multisymplectic(); pde != nullptr && pde->initial_record) {
     std::error_code ignored;
@@ -539,7 +541,7 @@ Outcome run_with_scales(const Problem& problem, const RunOptions& options, std::
                          "the run would replace the record that it begins from; name another with output.file or -o");
     }
   }
-  return Driver(problem, options, options.output.value_or(problem.output.file)).start(std::move(scales));
+  return Driver(problem, options, options.output.value_or(problem.output.file)).start(std::move(scales), halved);
 }
 
 Outcome run(const Problem& problem, MemoryRecord& record, const RunOptions& options) {

@@ -29,8 +29,9 @@ std::size_t beyond_wish(const StatedSolve& stated, const OpenDirections& open) {
 SolutionMeasures measure_solution(const Problem& problem, const NodesOfOrbit& orbit, bool rests) {
   using Ends = StatedSolve::Ends;
   const StatedSolve& stated = *problem.solve;
-  SolutionMeasures result{.measures = first_measures(problem), .error = std::nullopt, .open = {}};
+  SolutionMeasures result;
   figures::Measures& measures = result.measures;
+  measures.accepted = accepted_reasons(problem);
   measures.rest = rests ? 1.0 : 0.0;
   if (rests) {
     return result;

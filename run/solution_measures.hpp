@@ -11,9 +11,9 @@ namespace rubato {
 
 /// What the solution of a boundary-value problem is worth.
 struct SolutionMeasures {
-  figures::Measures measures;      ///< for the verdict
-  std::optional<StepError> error;  ///< of the whole orbit; none at rest
-  OpenDirections open;
+  figures::Measures measures = {};                ///< for the verdict
+  std::optional<StepError> error = std::nullopt;  ///< of the whole orbit; none at rest
+  OpenDirections open = {};
 };
 
 /// Compares the orbit that solves a problem of [solve] with one of half the step, and counts what its conditions leave

@@ -38,24 +38,22 @@ double fewest_steps_per_turn(int order) {
 
 }  // namespace
 
-figures::Measures first_measures(const Problem& problem) {
-  figures::Measures measures;
-  measures.pure_law = problem.scheme.potential.kind == StepPotentialChoice::Kind::none ? 1.0 : 0.0;
+double accepted_reasons(const Problem& problem) {
+  double accepted = 0.0;
   for (const figures::ReasonKind kind : problem.accepted) {
-    measures.accepted += std::exp2(static_cast<double>(kind));
+    accepted += std::exp2(static_cast<double>(kind));
   }
-  return measures;
+  return accepted;
 }
 
 VerdictMeter::VerdictMeter(const Problem& problem)
-    : dense_(density_of(problem)),
-      stored_(std::numeric_limits<std::size_t>::max()),
-      poles_(problem),
-      measures_(first_measures(problem)) {
+    : dense_(density_of(problem)), stored_(std::numeric_limits<std::size_t>::max()), poles_(problem) {
   const auto stored = static_cast<std::size_t>(problem.output.states_every());
   if (problem.hamiltonian() == nullptr && stored >= lattice_density) {
     stored_ = stored;
   }
+  measures_.accepted = accepted_reasons(problem);
+  measures_.pure_law = problem.scheme.potential.kind == StepPotentialChoice::Kind::none ? 1.0 : 0.0;
 }
 
 bool VerdictMeter::samples(std::size_t number) const {
@@ -101,6 +99,11 @@ figures::Measures VerdictMeter::measures_to(Simulation& simulation, std::size_t 
   VerdictMeter meter = *this;
   meter.take(simulation, number, simulation.node().energy, number == 0 ? 0.0 : simulation.energy_rounding());
   return meter.measures();
+}
+
+void VerdictMeter::set_halved(double relative, double t) {
+  measures_.halved = relative;
+  measures_.halved_t = t;
 }
 
 void VerdictMeter::end_early(double t, double until) {

@@ -11,8 +11,8 @@
 
 namespace rubato {
 
-/// What a problem says of the verdict on it.
-[[nodiscard]] figures::Measures first_measures(const Problem& problem);
+/// Measures::accepted of a problem.
+[[nodiscard]] double accepted_reasons(const Problem& problem);
 
 /// Takes the measures of the verdict along a run. It looks at a sample of the levels, so that its cost is small beside
 /// that of the steps: each of the first ones, fewer of a large system, then levels at distances in proportion to their
@@ -30,6 +30,8 @@ public:
   /// The same and the present level, if that is not in the sample.
   [[nodiscard]] figures::Measures measures_to(Simulation& simulation, std::size_t number) const;
 
+  /// Measures::halved of a solution that the run begins from.
+  void set_halved(double relative, double t);
   /// The run failed at t, and was to end at `until`: it is not good, until it is continued (restore()).
   void end_early(double t, double until);
 

@@ -410,8 +410,9 @@ def solve(problem, conditions=None, output=None, *, overwrite=False, settings=No
         The record to write; in memory otherwise.
     settings, **overrides : as of run()
 
-    `success` is True if there is a solution, `figures["solution"]` how the search went, and `solution` of a Result
-    what is known of it: residuals, Floquet multipliers, conjugate points, the Morse index.
+    `success` is True if there is a solution that is not lost, `figures["solution"]` how the search went, with
+    `step_error`, its error by half the step, and `solution` of a Result what is known of it: residuals, Floquet
+    multipliers, conjugate points, the Morse index.
 
     Examples
     --------

@@ -480,6 +480,15 @@ class Memory(unittest.TestCase):
         with self.assertRaisesRegex(AttributeError, "leave out every"):
             rb.integrate(PENDULUM, [0, 1.9], (0, 5), step=0.1, every=3).sol
 
+    def test_the_verdict_of_a_solution_is_by_half_the_step(self):
+        pendulum = rb.Hamiltonian("q", "p", "p^2/2 - cos(q)")
+        conditions = {"ends": "periodic", "energy": -0.5}
+        how = {"initial": [1, 0], "t_span": (0, 6.7), "scheme": "midpoint"}
+        coarse, fine = (rb.solve(pendulum, conditions, step=step, **how) for step in (1.675, 0.1))
+        self.assertEqual((coarse.verdict, fine.verdict), ("doubtful", "good"))
+        self.assertEqual(coarse.reasons[0]["what"], "resolution")
+        self.assertLess(fine.figures["solution"]["step_error"]["relative"], 0.01)
+
     def test_periodic_lattices(self):
         omega = 0.9
         gamma, period = np.sqrt(1 - omega ** 2), 2 * np.pi / omega
