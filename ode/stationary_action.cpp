@@ -115,15 +115,6 @@ NodesOfOrbit StationaryAction::unpack(const VectorXd& u) const {
   return orbit;
 }
 
-VectorXd StationaryAction::direction_of(std::span<const double> dz) const {
-  VectorXd direction = VectorXd::Zero(unknowns());
-  for (Index k = 0; k <= steps(); ++k) {
-    direction.segment(k * size(), size()) =
-        Eigen::Map<const VectorXd>(dz.data() + k * size(), size()).cwiseQuotient(scales_);
-  }
-  return direction;
-}
-
 /// Rows under construction.
 struct StationaryAction::Rows {
   VectorXd& residual;

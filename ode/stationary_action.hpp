@@ -68,8 +68,6 @@ public:
   [[nodiscard]] Eigen::VectorXd pack(const NodesOfOrbit& orbit);
   /// Linear: of a direction the changes of nodes and levels.
   [[nodiscard]] NodesOfOrbit unpack(const Eigen::VectorXd& u) const;
-  /// The direction that changes the nodes by dz, and no level.
-  [[nodiscard]] Eigen::VectorXd direction_of(std::span<const double> dz) const;
 
   /// What u leaves of the equations, and of further linear ones; the matrix of derivatives if `jacobian` is not null.
   /// \return Status::undefined outside the domain of H, or that of a step's own equations, and singular where a level

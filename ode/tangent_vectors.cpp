@@ -11,6 +11,7 @@
 
 #include <rubato/base/larger.hpp>
 #include <rubato/ode/component_units.hpp>
+#include <rubato/solve/orthonormal.hpp>
 
 namespace rubato {
 
@@ -83,32 +84,6 @@ std::vector<double> symplectic_start(std::size_t degrees_of_freedom, std::size_t
   return vectors;
 }
 
-bool orthonormalise(std::span<double> columns, std::size_t count, std::span<double> logarithms) {
-  const std::size_t size = count == 0 ? 0 : columns.size() / count;
-  bool all = true;
-  for (std::size_t j = 0; j < count; ++j) {
-    const auto v = columns.subspan(j * size, size);
-    double length = std::sqrt(dot(v, v)), logarithm = std::log(length);
-    for (double& x : v) {
-      x /= length;
-    }
-    for (int pass = 0; pass < 2 && j > 0; ++pass) {
-      for (std::size_t i = 0; i < j; ++i) {
-        const auto u = columns.subspan(i * size, size);
-        add(-dot(u, v), u, v);
-      }
-      length = std::sqrt(dot(v, v));
-      logarithm += std::log(length);
-      for (double& x : v) {
-        x /= length;
-      }
-    }
-    logarithms[j] = logarithm;
-    all = all && std::isfinite(logarithm);
-  }
-  return all;
-}
-
 double two_form_defect(std::span<const double> before, std::span<const double> after, std::size_t count) {
   if (count < 2) {
     return undefined;
@@ -162,7 +137,7 @@ Status TangentVectors::step(std::span<const double> z_0, std::span<const double>
     }
     if (columns_ != before_) {
       to_units(columns_, size);
-      const bool independent = orthonormalise(std::span(columns_).first(count_ * size), count_, logarithms_);
+      const bool independent = solve::orthonormalise(std::span(columns_).first(count_ * size), count_, logarithms_);
       to_units(columns_, size, true);
       if (!independent) {
         return fail(Status::singular);
@@ -180,7 +155,7 @@ Status TangentVectors::step(std::span<const double> z_0, std::span<const double>
   to_units(columns_, size);
   const auto vectors = std::span(columns_).first(count_ * size);
   defect_ = two_form_defect(std::span(before_).first(count_ * size), vectors, count_);
-  const bool independent = orthonormalise(vectors, count_, logarithms_);
+  const bool independent = solve::orthonormalise(vectors, count_, logarithms_);
   to_units(columns_, size, true);
   return independent ? Status::success : fail(Status::undefined);
 }

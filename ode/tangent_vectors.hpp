@@ -16,10 +16,6 @@ namespace rubato {
 /// Precondition: count ≤ 2n.
 [[nodiscard]] std::vector<double> symplectic_start(std::size_t degrees_of_freedom, std::size_t count);
 
-/// Orthonormalises `count` columns in their order, by Gram and Schmidt, twice; `logarithms` gets ln r_ii of V = QR.
-/// \return false if a column depends on those before it, or is not finite
-[[nodiscard]] bool orthonormalise(std::span<double> columns, std::size_t count, std::span<double> logarithms);
-
 /// The largest |(dp∧dq)(u', v') - (dp∧dq)(u, v)| over pairs of columns before and after a step, in units of |u'| |v'|
 /// and of |u| |v|, whichever are larger: what a step that preserves the two-form leaves is rounding errors. With one
 /// column there is no pair, and the result is not a number.

@@ -2,36 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include <rubato/solve/damped_least_squares.hpp>
+#include <rubato/solve/orthonormal.hpp>
 #include <rubato/solve/small_matrices.hpp>
 #include <rubato/solve/tuning.hpp>
 
 namespace rubato::solve {
 
-namespace {
-
 using Eigen::Index;
 using Eigen::MatrixXd;
-
-/// By Gram and Schmidt, twice. False where a column depends on those before.
-bool orthonormalise(MatrixXd& columns) {
-  for (Index j = 0; j < columns.cols(); ++j) {
-    for (int time = 0; time < 2; ++time) {
-      for (Index i = 0; i < j; ++i) {
-        columns.col(j) -= columns.col(i).dot(columns.col(j)) * columns.col(i);
-      }
-      const double length = columns.col(j).norm();
-      if (!(length > 0.0) || !std::isfinite(length)) {
-        return false;
-      }
-      columns.col(j) /= length;
-    }
-  }
-  return true;
-}
-
-}  // namespace
 
 std::optional<SingularVectors> smallest_singular_vectors(const Eigen::SparseMatrix<double>& J, Index count) {
   DampedLeastSquares factors;
@@ -44,12 +25,16 @@ std::optional<SingularVectors> smallest_singular_vectors(const Eigen::SparseMatr
       V(i, j) = std::cos(1.7 * static_cast<double>(i * (j + 1) % 1009) + static_cast<double>(j));
     }
   }
+  std::vector<double> logarithms(static_cast<std::size_t>(V.cols()));
+  const auto orthonormalise_columns = [&] {
+    return orthonormalise({V.data(), static_cast<std::size_t>(V.size())}, logarithms.size(), logarithms);
+  };
   for (int iteration = 0; iteration < tuning::singular_vectors::iterations; ++iteration) {
-    if (!orthonormalise(V) || factors.solve_normal(V, V) != Status::success) {
+    if (!orthonormalise_columns() || factors.solve_normal(V, V) != Status::success) {
       return std::nullopt;
     }
   }
-  if (!orthonormalise(V)) {
+  if (!orthonormalise_columns()) {
     return std::nullopt;
   }
   const SingularValues<MatrixXd> small = singular_values(MatrixXd(J * V));

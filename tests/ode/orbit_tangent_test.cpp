@@ -14,6 +14,7 @@
 #include <rubato/ode/orbit_tangent.hpp>
 #include <rubato/ode/tangent.hpp>
 #include <rubato/ode/tangent_vectors.hpp>
+#include <rubato/solve/orthonormal.hpp>
 #include <rubato/variation/composition.hpp>
 
 using namespace rubato;
@@ -221,10 +222,10 @@ TEST_CASE("exponents do not depend on units of mass and length") {
           if (k == 0) {
             REQUIRE(tangent->lift({z.data(), 4}, {next.data(), 4}, 0.0, h, symplectic_start(2, 4), plain) ==
                     Status::success);
-            static_cast<void>(orthonormalise(plain, 4, logarithms));
+            static_cast<void>(solve::orthonormalise(plain, 4, logarithms));
           }
           REQUIRE(tangent->step({z.data(), 4}, {next.data(), 4}, 0.0, h, plain) == Status::success);
-          static_cast<void>(orthonormalise(plain, 4, logarithms));
+          static_cast<void>(solve::orthonormalise(plain, 4, logarithms));
         }
         for (std::size_t i = 0; i < 4; ++i) {
           sums[i] += natural ? vectors.logarithms()[i] : logarithms[i];
@@ -271,7 +272,7 @@ TEST_CASE("vectors start orthonormal and symplectic, and refuse what is no basis
   CHECK_THROWS_AS(TangentVectors(make_orbit_tangent(henon_heiles, Midpoint{}, false, start), 4, 5, false),
                   std::invalid_argument);
   std::vector<double> columns = {1, 0, 2, 0}, logs(2);
-  CHECK_FALSE(orthonormalise(columns, 2, logs));
+  CHECK_FALSE(solve::orthonormalise(columns, 2, logs));
 }
 
 TEST_CASE("stiff stages fall back on a dense matrix, and what cannot be made is told") {
