@@ -145,6 +145,8 @@ private:
   [[nodiscard]] bool has_resolvent() const;
   void take_last_resolvent();
   void invert(double h);
+  template <typename Use>
+  void for_each_entry(std::span<const int> fields, const Use& use);
   void make_maps();
   void make_transfer();
   [[nodiscard]] bool by_maps() const { return steady_ && !base_map_.empty(); }

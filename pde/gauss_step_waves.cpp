@@ -12,6 +12,30 @@
 
 namespace rubato {
 
+/// Calls use(e, r, c, entry, begin, count) for the entries of the resolvent at each eigenvalue for steps of length
+/// reference_h_, on a block of waves: row and column are the r-th and the c-th of `fields`. Those that are 0 are left
+/// out.
+template <typename Use>
+void GaussStep::for_each_entry(std::span<const int> fields, const Use& use) {
+  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
+    const std::size_t count = end - begin;
+    WaveBlock entry, inverse;
+    for (int e = 0; e < m_; ++e) {
+      const std::complex<double> mu = eigenvalues_[e] / reference_h_;
+      resolvent_->inverse(mu, begin, count, inverse);
+      for (std::size_t r = 0; r < fields.size(); ++r) {
+        for (std::size_t c = 0; c < fields.size(); ++c) {
+          if (!resolvent_->is_zero(fields[r], fields[c])) {
+            resolvent_->entry(fields[r], fields[c], mu, begin, count, entry);
+            multiply(inverse.re, inverse.im, count, entry.re, entry.im);
+            use(e, static_cast<int>(r), static_cast<int>(c), entry, begin, count);
+          }
+        }
+      }
+    }
+  });
+}
+
 /// b ↦ Y and N' ↦ Y for steps of length reference_h_: what complete() does otherwise with the entries of the resolvent.
 void GaussStep::make_maps() {
   maps_h_ = reference_h_;
@@ -20,29 +44,14 @@ void GaussStep::make_maps() {
   for (PackedMatrices& resolvent : resolvents_) {
     resolvent.clear();
   }
-  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    WaveBlock entry, inverse;
-    for (int e = 0; e < m_; ++e) {
-      const std::complex<double> mu = eigenvalues_[e] / reference_h_;
-      resolvent_->inverse(mu, begin, count, inverse);
-      for (const int r : kept_) {
-        for (const int c : kept_) {
-          if (resolvent_->is_zero(r, c)) {
-            continue;
-          }
-          resolvent_->entry(r, c, mu, begin, count, entry);
-          multiply(inverse.re, inverse.im, count, entry.re, entry.im);
-          resolvents_[static_cast<std::size_t>(e)].add(row_of(r), row_of(c), 1.0, entry.re, entry.im, begin, count);
-          const auto g = std::ranges::find(F_, c) - F_.begin();
-          for (int i = 0; i < m_; ++i) {
-            base_map_.add(row_of(r, i), row_of(c), V_(i, e) * ones_[e], entry.re, entry.im, begin, count);
-            for (int j = 0; g < static_cast<std::ptrdiff_t>(F_.size()) && j < m_; ++j) {
-              rest_map_.add(row_of(r, i), varying(static_cast<int>(g), j), V_(i, e) * V_inverse_(e, j), entry.re,
-                            entry.im, begin, count);
-            }
-          }
-        }
+  for_each_entry(kept_, [this](int e, int r, int c, const WaveBlock& entry, std::size_t begin, std::size_t count) {
+    resolvents_[static_cast<std::size_t>(e)].add(r, c, 1.0, entry.re, entry.im, begin, count);
+    const auto g = std::ranges::find(F_, kept_[static_cast<std::size_t>(c)]) - F_.begin();
+    for (int i = 0; i < m_; ++i) {
+      base_map_.add(r * m_ + i, c, V_(i, e) * ones_[e], entry.re, entry.im, begin, count);
+      for (int j = 0; g < std::ssize(F_) && j < m_; ++j) {
+        rest_map_.add(r * m_ + i, varying(static_cast<int>(g), j), V_(i, e) * V_inverse_(e, j), entry.re, entry.im,
+                      begin, count);
       }
     }
   });
@@ -50,29 +59,11 @@ void GaussStep::make_maps() {
 
 /// N' ↦ Y_F for steps of length reference_h_.
 void GaussStep::make_transfer() {
-  const int n = static_cast<int>(F_.size());
   transfer_.clear();
-  for_each_wave_block(level_.waves(), [&](std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    WaveBlock entry, inverse;
-    for (int e = 0; e < m_; ++e) {
-      const std::complex<double> mu = eigenvalues_[e] / reference_h_;
-      resolvent_->inverse(mu, begin, count, inverse);
-      for (int f = 0; f < n; ++f) {
-        for (int g = 0; g < n; ++g) {
-          const int row = F_[static_cast<std::size_t>(f)], column = F_[static_cast<std::size_t>(g)];
-          if (resolvent_->is_zero(row, column)) {
-            continue;
-          }
-          resolvent_->entry(row, column, mu, begin, count, entry);
-          multiply(inverse.re, inverse.im, count, entry.re, entry.im);
-          for (int i = 0; i < m_; ++i) {
-            for (int j = 0; j < m_; ++j) {
-              transfer_.add(varying(f, i), varying(g, j), V_(i, e) * V_inverse_(e, j), entry.re, entry.im, begin,
-                            count);
-            }
-          }
-        }
+  for_each_entry(F_, [this](int e, int f, int g, const WaveBlock& entry, std::size_t begin, std::size_t count) {
+    for (int i = 0; i < m_; ++i) {
+      for (int j = 0; j < m_; ++j) {
+        transfer_.add(varying(f, i), varying(g, j), V_(i, e) * V_inverse_(e, j), entry.re, entry.im, begin, count);
       }
     }
   });

@@ -229,17 +229,6 @@ RUBATO_WIDE_VECTORS void fill(double value, std::size_t count, double* out) {
     out[i] = value;
   }
 }
-RUBATO_WIDE_VECTORS void add_pair(const double* a, const double* b, std::size_t count, double* __restrict out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    out[i] = a[i] + b[i];
-  }
-}
-RUBATO_WIDE_VECTORS void add_two(const double* a, const double* b, const double* c, std::size_t count,
-                                 double* __restrict out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    out[i] = a[i] + (b[i] + c[i]);
-  }
-}
 RUBATO_WIDE_VECTORS void add_dot(double value, const double* l_re, const double* l_im, const double* r_re,
                                  const double* r_im, std::size_t count, double* __restrict out) {
   for (std::size_t w = 0; w < count; ++w) {
@@ -333,29 +322,6 @@ RUBATO_WIDE_VECTORS double weighted_sum(const double* weights, const double* val
     sums[l] += weights[w + l] * values[w + l];
   }
   return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
-}
-
-RUBATO_WIDE_VECTORS double sum_of_values(const double* values, std::size_t count) {
-  constexpr std::size_t lanes = 8;
-  EightLanes even = {}, odd = {}, term;
-  std::size_t i = 0;
-  for (; i + 2 * lanes <= count; i += 2 * lanes) {
-    load(values + i, term);
-    even += term;
-    load(values + i + lanes, term);
-    odd += term;
-  }
-  if (i + lanes <= count) {
-    load(values + i, term);
-    even += term;
-    i += lanes;
-  }
-  even += odd;
-  double rest = 0.0;
-  for (; i < count; ++i) {
-    rest += values[i];
-  }
-  return sum_of_lanes(even) + rest;
 }
 
 }  // namespace rubato

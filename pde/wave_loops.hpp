@@ -51,10 +51,6 @@ void add_products(int terms, std::size_t stride, const double* x_re, const doubl
                   const double* y_im, std::size_t count, double* out_re, double* out_im);
 /// out = value.
 void fill(double value, std::size_t count, double* out);
-/// out = a + b.
-void add_pair(const double* a, const double* b, std::size_t count, double* out);
-/// out = a + (b + c).
-void add_two(const double* a, const double* b, const double* c, std::size_t count, double* out);
 /// out += value·Re(conj(l) r).
 void add_dot(double value, const double* l_re, const double* l_im, const double* r_re, const double* r_im,
              std::size_t count, double* out);
@@ -78,8 +74,6 @@ void add_form(const double* g_re, const double* g_im, const double* l_re, const 
 void interleave(const double* re, const double* im, std::size_t count, double* pairs);
 void separate(const double* pairs, std::size_t count, double* re, double* im);
 ///@}
-/// Σ values, in eight lanes.
-[[nodiscard]] double sum_of_values(const double* values, std::size_t count);
 /// Σ weights·values.
 [[nodiscard]] double weighted_sum(const double* weights, const double* values, std::size_t count);
 
