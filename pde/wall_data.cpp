@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -92,6 +93,9 @@ public:
 
 private:
   [[nodiscard]] const std::string& name(std::size_t field) const { return system_.fields()[field]; }
+  [[nodiscard]] std::string_view kind(const WallPlace& wall) const {
+    return wall.end(grid_) == End::fixed ? "fixed" : "free";
+  }
   [[nodiscard]] int sign(const WallPlace& wall, std::size_t field) const {
     return mirrors_.sign(wall.axis, static_cast<int>(field), wall.end(grid_));
   }
@@ -203,7 +207,7 @@ private:
           static_cast<int>(f),
           fmt::format("{0} is up to {1:.6g} at the {2} wall at {3}, which holds it at {4:.6g}: give initial data that "
                       "meet the wall, or another wall",
-                      name(f), here, wall.end(grid_) == End::fixed ? "fixed" : "free", wall.name(grid_), held));
+                      name(f), here, kind(wall), wall.name(grid_), held));
     }
     if (miss > met_to_rounding * largest) {
       cautions_.push_back(
@@ -226,8 +230,7 @@ private:
         fmt::format("the {0} wall at {1} needs an S that is the same in the mirror there, and its term {2} changes "
                     "(from {3:.6g} to "
                     "{4:.6g} at some z). Take the other kind of wall, or leave left and right out",
-                    wall.end(grid_) == End::fixed ? "fixed" : "free", wall.name(grid_), changed.term, changed.before,
-                    changed.after));
+                    kind(wall), wall.name(grid_), changed.term, changed.before, changed.after));
   }
 
   /// Of two walls that hold a field.
@@ -260,8 +263,7 @@ private:
           "the {} wall at {} holds {} and leaves {} free: an equation joins the one with the slope of the other, so "
           "that their signs in a mirror are opposite, and the field that is stated first has the kind of the wall; no "
           "scheme has walls that hold both",
-          wall.end(grid_) == End::fixed ? "fixed" : "free", wall.name(grid_), fmt::join(held, ", "),
-          fmt::join(loose, ", ")));
+          kind(wall), wall.name(grid_), fmt::join(held, ", "), fmt::join(loose, ", ")));
     }
   }
 

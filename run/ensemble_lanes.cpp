@@ -49,7 +49,7 @@ bool is_plain_splitting(const Problem& problem) {
   return orbit != nullptr && !orbit->L && !orbit->next && !orbit->fictitious_time && !orbit->driven &&
          scheme.lagrangian == LagrangianName::splitting && scheme.levels == Levels::fixed && scheme.step &&
          !scheme.energy_tolerance && !scheme.tangents.any() && orbit->symmetries.empty() && !problem.output.any() &&
-         orbit->exact.empty() && (problem.laws.every <= 1 || orbit->invariants.empty()) && !PoleWatch(problem).looks();
+         orbit->exact.empty() && (problem.laws.every <= 1 || orbit->invariants.empty());
 }
 
 /// All that members side by side have to have in common, in words.
@@ -197,7 +197,8 @@ public:
       }
     }
     reported_ = observed.size();
-    if (const auto events = events_of_z(problem_, hamiltonian)) {
+    const auto events = events_of_z(problem_, hamiltonian);
+    if (events && !PoleWatch(problem_).looks()) {  // which is of every step
       observed.insert(observed.end(), events->begin(), events->end());
       lanes_ = SplittingLanes::make(hamiltonian, composition(problem_.scheme.composition), observed, width, true);
     }
