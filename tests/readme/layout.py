@@ -60,7 +60,8 @@ RUNS = [
         ["run", "sine-gordon-2d", "--set", "grid.x.cells=15", "--set", "grid.y.cells=15", "--set", "scheme.until=0.2"]]),
     ("Ensembles", [["scan", "pendulum", "initial.p=0.5:1:3", "--set", "scheme.until=1", "--set", "output.interval=0.5"],
                    ["scan", "orbit.toml", "initial.p=0.5:1:2"]]),
-    ("Boundary-value problems", [["solve", "examples/lyapunov-orbit.toml"], ["solve", "examples/bratu.toml"]]),
+    ("Boundary-value problems", [["solve", "examples/lyapunov-orbit.toml"], ["solve", "examples/bratu.toml"],
+                                 ["solve", "examples/pendulum-to-a-place.toml", "--set", 'solve.ends=["p_0 = 0", "2*p_0 = 0"]']]),
 ]
 
 RULES = [
