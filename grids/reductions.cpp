@@ -9,6 +9,7 @@
 
 #include <rubato/base/lanes.hpp>
 #include <rubato/grids/largest.hpp>
+#include <rubato/grids/weights.hpp>
 
 namespace rubato::grids {
 
@@ -179,11 +180,38 @@ void sums(std::span<const std::span<const double>> rows, std::span<double> sums)
       rows.front().size(), [&rows](std::size_t row, std::size_t i) { return rows[row][i]; }, sums);
 }
 
+namespace {
+
+/// Where nodes have different parts of their cells.
+void weighted_sums(const Grid& grid, std::span<const std::span<const double>> rows, std::span<double> sums) {
+  const Slab* const slab = Slab::of(grid.size());
+  const std::size_t first = slab == nullptr ? 0 : slab->first_node();
+  std::vector<CompensatedSum> totals;
+  for (const std::span<const double> row : rows) {
+    const auto add = [&grid, from = row.subspan(first), first](LaneSum& sum, std::size_t begin, std::size_t end) {
+      std::array<double, 512> terms;
+      for (; begin < end; begin += terms.size()) {
+        const std::span<double> some = std::span(terms).first(std::min(terms.size(), end - begin));
+        std::copy_n(from.data() + begin, some.size(), some.begin());
+        weigh(grid, first + begin, some);
+        sum.add(some);
+      }
+    };
+    totals.push_back(detail::sum_of_pieces(slab == nullptr ? row.size() : slab->owned(), add));
+  }
+  if (slab != nullptr) {
+    slab->reduce(totals, sums, {});
+  } else {
+    std::ranges::transform(totals, sums.begin(), &CompensatedSum::value);
+  }
+}
+
+}  // namespace
+
 std::vector<double> integrals(const Grid& grid, std::span<const std::span<const double>> rows) {
   std::vector<double> result(rows.size());
   if (grid.has_walls()) {
-    sums_of(
-        grid.size(), [&](std::size_t row, std::size_t i) { return grid.weight(i) * rows[row][i]; }, result);
+    weighted_sums(grid, rows, result);
   } else {
     sums(rows, result);
   }

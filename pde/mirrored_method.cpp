@@ -491,6 +491,8 @@ public:
     // A field that goes on in mirrors has no slope but that of rounding.
     LatticeLevel level{FieldSet(system.field_count(), grid.size()), {}};
     mirrors.restrict(ring.level.fields, level.fields);
+    ring.level.fields = {};
+    on_ring.clear();
     const Mirrors own = mirrors_of(system, grid);
     own.restrict(own.extended(level).fields, level.fields);
     for (std::size_t f = 0; f < met.size(); ++f) {

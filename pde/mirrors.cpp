@@ -86,31 +86,106 @@ void Mirrors::share_ring(const grids::Slab& between, grids::Ghosts of_ranks) {
   first = of_ranks.before + (between.leads() ? first : 0);
 }
 
-/// Continues what stands at the first places of an axis to its end; a place is a block of values.
-void Mirrors::extend_blocks(int axis, int field, std::size_t block, std::span<double> values) const {
+Mirrors::Image Mirrors::image(int axis, int field, std::size_t place) const {
   const grids::Axis& of = grid_.axis(axis);
+  const std::size_t between = of.cells - 1;
   const int shift = offset(axis, field);
-  const std::size_t places = values.size() / block, between = of.cells - 1;
-  const auto at = [&](std::size_t place) { return values.data() + place * block; };
-  const auto mirror = [&](std::size_t wall, End end) {
-    const bool is_even = sign(axis, field, end) > 0;
-    const std::size_t first = shift > 0 ? 0 : 1, last = shift > 0 ? wall - 1 : wall;
-    for (std::size_t j = first; j <= last && wall + j < places; ++j) {
-      const double* const from = at(shift == 0 ? wall - j : shift > 0 ? wall - 1 - j : wall + 1 - j);
-      const double* const held = shift == 0 && wall < places ? at(wall) : from;
-      double* const to = at(wall + j);
-      for (std::size_t i = 0; i < block; ++i) {
-        to[i] = is_even ? from[i] : shift == 0 ? 2.0 * held[i] - from[i] : -from[i];
+  const auto beyond = [&](std::size_t wall, End end) {
+    // Of fields half a cell after or before their nodes the mirror lies that much beside the wall's node.
+    Image image = this->image(axis, field, shift == 0 ? 2 * wall - place : 2 * wall - place - (shift > 0 ? 1 : -1));
+    if (sign(axis, field, end) > 0) {
+      return image;
+    }
+    image = {image.place, -image.sign, -image.of_first, -image.of_last};
+    if (shift == 0) {
+      const Image held = this->image(axis, field, wall);
+      image.of_first += 2.0 * (held.of_first + (held.place == 0 ? held.sign : 0.0));
+      image.of_last += 2.0 * (held.of_last + (held.place == 0 ? 0.0 : held.sign));
+    }
+    return image;
+  };
+  const auto is_beyond = [&](std::size_t wall) { return shift > 0 ? place >= wall : place > wall; };
+  if (is_beyond(2 * between)) {
+    return beyond(2 * between, of.left);
+  }
+  if (is_beyond(between)) {
+    return beyond(between, of.right);
+  }
+  if (shift < 0 && place == 0) {
+    return {1, sign(axis, field, of.left) > 0 ? 1.0 : -1.0, 0.0, 0.0};
+  }
+  return {place, 1.0, 0.0, 0.0};
+}
+
+bool Mirrors::holds_both_ends(int axis, int field) const {
+  const grids::Axis& of = grid_.axis(axis);
+  return of.has_walls() && offset(axis, field) == 0 && sign(axis, field, of.left) < 0 &&
+         sign(axis, field, of.right) < 0;
+}
+
+void Mirrors::read_line(int field, std::span<const double> between, int axis, std::size_t first, Slope slope,
+                        std::span<double> line) const {
+  // Across the line: what of which places of the space between the walls.
+  std::array<std::array<std::pair<std::size_t, double>, 3>, 3> parts{};
+  const auto at = ring_.place(first);
+  for (int a = 0; a < 3; ++a) {
+    auto& of_axis = parts[static_cast<std::size_t>(a)];
+    of_axis[0] = {at[static_cast<std::size_t>(a)], 1.0};
+    if (a == axis || a >= grid_.dimensions() || !grid_.axis(a).has_walls()) {
+      continue;
+    }
+    Image one = image(a, field, at[static_cast<std::size_t>(a)]);
+    const std::size_t last = grid_.cells(a) - 1;
+    if (slope == Slope::left_out && holds_both_ends(a, field)) {
+      const double rise = one.sign * static_cast<double>(one.place) / static_cast<double>(last);
+      one = {one.place, one.sign, one.of_first + one.of_last + rise, -rise};
+    }
+    of_axis = {{{one.place, one.sign}, {0, one.of_first}, {last, one.of_last}}};
+  }
+  const std::size_t cells = grid_.cells(axis), stride = grid_.stride(axis);
+  const std::span<double> own = line.first(cells);
+  std::ranges::fill(own, 0.0);
+  for (const auto& [k, of_k] : parts[2]) {
+    for (const auto& [j, of_j] : parts[1]) {
+      for (const auto& [i, of_i] : parts[0]) {
+        if (const double factor = of_i * of_j * of_k; factor != 0.0) {
+          const double* const from = between.data() + grid_.index(i, j, k);
+          for (std::size_t n = 0; n < cells; ++n) {
+            own[n] += factor * from[n * stride];
+          }
+        }
       }
     }
-  };
-  if (shift < 0) {
-    const double factor = sign(axis, field, of.left) > 0 ? 1.0 : -1.0;
-    std::transform(at(1), at(2), at(0), [factor](double value) { return factor * value; });
   }
-  mirror(between, of.right);
-  if (places > 2 * between) {
-    mirror(2 * between, of.left);
+  if (grid_.axis(axis).has_walls()) {
+    continue_line(axis, field, slope, line);
+  }
+}
+
+/// What stands at the first places of a line goes on in mirrors to its end.
+void Mirrors::continue_line(int axis, int field, Slope slope, std::span<double> line) const {
+  const std::size_t between = grid_.cells(axis) - 1;
+  const int shift = offset(axis, field);
+  if (slope == Slope::left_out && holds_both_ends(axis, field)) {
+    const double rise = line[between] - line[0];
+    for (std::size_t i = 1; i <= between && rise != 0.0; ++i) {
+      line[i] -= rise * static_cast<double>(i) / static_cast<double>(between);
+    }
+  }
+  if (shift < 0) {
+    line[0] = image(axis, field, 0).sign * line[1];
+  }
+  const double first = line[0], last = line[between];
+  for (std::size_t begin = shift > 0 ? between : between + 1; begin < line.size(); begin += between) {
+    const std::size_t count = std::min(between, line.size() - begin);
+    const Image one = image(axis, field, begin);
+    const bool descends = count > 1 && image(axis, field, begin + 1).place < one.place;
+    const double held = one.of_first * first + one.of_last * last;
+    double* const to = line.data() + begin;
+    const double* const from = line.data() + one.place;
+    for (std::size_t i = 0; i < count; ++i) {
+      to[i] = one.sign * (descends ? *(from - i) : from[i]) + held;
+    }
   }
 }
 
@@ -122,27 +197,9 @@ void Mirrors::extend(int field, std::span<const double> between, std::span<doubl
     ghosts_->renew(field, ring);
     return;
   }
-  int last = grid_.dimensions() - 1;
-  while (!grid_.axis(last).has_walls()) {
-    --last;
-  }
-  std::size_t stride = 1, lines = between.size();
-  for (int a = 0; a <= last; ++a) {
-    const std::size_t n = grid_.cells(a), m = ring_.cells(a);
-    lines /= n;
-    if (grid_.axis(a).has_walls()) {
-      std::vector<double>& room = extended_along_[static_cast<std::size_t>(a)];
-      room.resize(a == last ? 0 : stride * m * lines);
-      const std::span<double> out = a == last ? ring : std::span<double>(room);
-      for (std::size_t line = 0; line < lines; ++line) {
-        const std::span<double> of_line = out.subspan(line * m * stride, m * stride);
-        std::copy_n(between.begin() + static_cast<std::ptrdiff_t>(line * n * stride), std::min(n, m) * stride,
-                    of_line.begin());
-        extend_blocks(a, field, stride, of_line);
-      }
-      between = room;
-    }
-    stride *= m;
+  const std::size_t n = ring_.cells(0);
+  for (std::size_t first = 0; first < ring.size(); first += n) {
+    read_line(field, between, 0, first, Slope::kept, ring.subspan(first, n));
   }
 }
 
@@ -159,29 +216,6 @@ LatticeLevel Mirrors::extended(const LatticeLevel& between) const {
   LatticeLevel level{grids::FieldSet(between.fields.fields(), ring_.size()), between.slopes};
   extend(between.fields, level.fields);
   return level;
-}
-
-LatticeLevel Mirrors::extended_without_slope(const LatticeLevel& between) const {
-  LatticeLevel level = between;
-  for (int a = 0; a < grid_.dimensions(); ++a) {
-    const grids::Axis& axis = grid_.axis(a);
-    for (int f = 0; axis.has_walls() && f < level.fields.fields(); ++f) {
-      if (offset(a, f) != 0 || sign(a, f, axis.left) > 0 || sign(a, f, axis.right) > 0) {
-        continue;
-      }
-      const std::span<double> values = level.fields.field(f);
-      const std::size_t stride = grid_.stride(a), last = axis.cells - 1;
-      for (std::size_t node = 0; node < values.size(); ++node) {
-        if (grid_.place(node)[static_cast<std::size_t>(a)] == 0) {
-          const double rise = values[node + last * stride] - values[node];
-          for (std::size_t i = 1; i <= last && rise != 0.0; ++i) {
-            values[node + i * stride] -= rise * static_cast<double>(i) / static_cast<double>(last);
-          }
-        }
-      }
-    }
-  }
-  return extended(level);
 }
 
 template <class Use>

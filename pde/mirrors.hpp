@@ -57,9 +57,12 @@ public:
   /// Collective where ranks share the ring.
   void extend(const grids::FieldSet& between, grids::FieldSet& ring) const;
   [[nodiscard]] LatticeLevel extended(const LatticeLevel& between) const;
-  /// The same of a level without the straight lines between two walls that hold a field at different values, on which
-  /// no ring closes.
-  [[nodiscard]] LatticeLevel extended_without_slope(const LatticeLevel& between) const;
+  /// Straight lines between two walls that hold a field at different values, on which no ring closes.
+  enum class Slope { kept, left_out };
+  /// Of one field on the ring of mirrors, where nothing needs to be stored, the line along an axis that begins at a
+  /// node.
+  void read_line(int field, std::span<const double> between, int axis, std::size_t first, Slope slope,
+                 std::span<double> line) const;
   void restrict(std::span<const double> ring, std::span<double> between) const;
   void restrict(const grids::FieldSet& ring, grids::FieldSet& between) const;
   /// Fields and nodes between the walls that these hold.
@@ -69,7 +72,15 @@ public:
 
 private:
   void share_ring(const grids::Slab& between, grids::Ghosts of_ranks);
-  void extend_blocks(int axis, int field, std::size_t block, std::span<double> values) const;
+  /// A place of the ring along an axis in terms of those between the walls: sign times the value at `place`, and parts
+  /// of the first and the last one, where these are held.
+  struct Image {
+    std::size_t place = 0;
+    double sign = 1.0, of_first = 0.0, of_last = 0.0;
+  };
+  [[nodiscard]] Image image(int axis, int field, std::size_t place) const;
+  [[nodiscard]] bool holds_both_ends(int axis, int field) const;
+  void continue_line(int axis, int field, Slope slope, std::span<double> line) const;
   /// Calls use(in between, in the ring) with the first nodes of each line between the walls.
   template <class Use>
   void for_each_line(const Use& use) const;
@@ -82,7 +93,6 @@ private:
   double copies_ = 1.0;
   std::vector<std::pair<int, std::size_t>> held_;  ///< fields and nodes
   mutable std::vector<double> held_values_;
-  mutable std::array<std::vector<double>, 3> extended_along_;  ///< but for the last axis with walls
 };
 
 /// Looks at random z for a term that z_f -> 2 c_f - z_f changes, for the fields f whose sign is -1; nothing where S is

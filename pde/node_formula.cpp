@@ -14,6 +14,7 @@
 #include <rubato/grids/local_polynomial.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/slab.hpp>
+#include <rubato/grids/weights.hpp>
 
 namespace rubato {
 
@@ -232,11 +233,12 @@ std::vector<double> NodeFormula::integrals(const LatticeLevel& level, double t) 
       [&](std::size_t) -> std::span<double* const> { return out; },
       [&](std::size_t begin, std::size_t count) {
         for (std::size_t j = 0; j < s.outputs; ++j) {
-          for (std::size_t i = 0; s.grid.has_walls() && i < count; ++i) {
-            values[j][i] *= s.grid.weight(begin + i);
+          const auto terms = std::span<double>(values[j]).first(count);
+          if (s.grid.has_walls()) {
+            grids::weigh(s.grid, begin, terms);
           }
           grids::LaneSum sum;
-          sum.add(std::span<const double>(values[j]).first(count));
+          sum.add(terms);
           sums[j].add(sum.total());
         }
       });

@@ -21,7 +21,7 @@ class Line {
 public:
   explicit Line(std::size_t cells) : values_(cells), reach_(std::min(farthest, cells / 2 - 1)) {}
 
-  void read(const grids::Line& at, const double* values) { at.read(values, values_); }
+  void take(std::span<const double> values) { std::ranges::copy(values, values_.begin()); }
 
   [[nodiscard]] double at(std::size_t i) const { return values_[i % values_.size()]; }
   [[nodiscard]] double second(std::size_t i) const {
@@ -82,8 +82,20 @@ SeamBreak classify(const std::vector<double>& line, int axis, std::size_t node, 
 }  // namespace
 
 std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values) {
+  std::vector<double> line;
+  return find_seam_break(grid, grids::max_abs(values), [&](int axis, const UseOfLine& use) {
+    line.resize(grids::whole_of(grid).cells(axis));
+    grids::for_each_line(grid, axis, values, [&](const double* array, const grids::Line& at, std::size_t first) {
+      at.read(array, line);
+      use(line, first);
+    });
+  });
+}
+
+std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, double largest,
+                                         const std::function<void(int axis, const UseOfLine& use)>& for_each_line) {
   std::optional<SeamBreak> worst;
-  double most = rounding_of_values * grids::max_abs(values);
+  double most = rounding_of_values * largest;
   for (int a = 0; a < grid.dimensions(); ++a) {
     const std::size_t n = grids::whole_of(grid).cells(a);
     if (n < shortest_line || grid.axis(a).ghosts > 0) {
@@ -92,8 +104,8 @@ std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<cons
     Line line(n), shown(n);
     std::size_t first = 0;
     double seam = 0.0;
-    grids::for_each_line(grid, a, values, [&](const double* array, const grids::Line& at, std::size_t node) {
-      line.read(at, array);
+    for_each_line(a, [&](std::span<const double> values, std::size_t node) {
+      line.take(values);
       if (const double out = line.seam(); out > seam) {
         seam = out;
         shown = line;
@@ -105,8 +117,8 @@ std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<cons
     }
     double inside = 0.0;
     double second = 0.0;
-    grids::for_each_line(grid, a, values, [&](const double* array, const grids::Line& at, std::size_t) {
-      line.read(at, array);
+    for_each_line(a, [&](std::span<const double> values, std::size_t) {
+      line.take(values);
       for (std::size_t i = 2; i + 2 < n; ++i) {
         inside = std::max(inside, line.standing_out_at(i));
         second = std::max(second, line.second(i));

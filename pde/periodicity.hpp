@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -26,6 +28,12 @@ struct SeamBreak {
 /// fiftieth of the largest second difference: less is lost in the truncation error. Lines shorter than 20 cells say
 /// too little. Where this thread has a slab (grids/whole.hpp) rank 0 gets what is found, others nothing.
 [[nodiscard]] std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values);
+
+/// The same of values that are read line by line. \param largest of their magnitudes
+/// \param for_each_line calls use(line, its first node) for each line along an axis
+using UseOfLine = std::function<void(std::span<const double> line, std::size_t first)>;
+[[nodiscard]] std::optional<SeamBreak> find_seam_break(
+    const grids::Grid& grid, double largest, const std::function<void(int axis, const UseOfLine& use)>& for_each_line);
 
 /// The same in words: "across the seam, where …, `what` jumps by …".
 [[nodiscard]] std::string describe_break(const SeamBreak& broken, const grids::Grid& grid, const std::string& what);

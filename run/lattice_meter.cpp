@@ -73,8 +73,8 @@ CornerDensity on_branches(CornerDensity density, double scale) {
 }  // namespace
 
 LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid,
-                           const LatticeLevel& first)
-    : system_(system), grid_(grid) {
+                           const LatticeLevel& first, const Mirrors* mirrors)
+    : system_(system), mirrors_(mirrors), grid_(mirrors == nullptr ? grid : mirrors->ring()) {
   for (int f = 0; f < system.field_count(); ++f) {
     moves_.push_back(!system.M().row(f).isZero() && !system.structure().at_midpoints(f));
   }
@@ -103,21 +103,37 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
   if (!system.coordinates().empty()) {
     const std::span<const formula::Expression> fields =
         std::span(system.variables()).first(static_cast<std::size_t>(system.field_count()));
-    gradient_.emplace(system.graph(), formula::gradient(system.expression(), fields), system.fields(), grid);
+    gradient_.emplace(system.graph(), formula::gradient(system.expression(), fields), system.fields(), own_grid());
   }
 }
 
-LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values) {
-  const auto nodes = static_cast<double>(values.size());
-  const double sum = grids::sum_of(values.size(), [&](std::size_t i) { return values[i]; });
-  const double squares = grids::sum_of(values.size(), [&](std::size_t i) {
-    const double deviation = values[i] - sum / nodes;
-    return deviation * deviation;
-  });
-  Spectrum spectrum{.sum = sum, .power = nodes * squares, .along = {}};
+void LatticeMeter::read_line(int field, std::span<const double> values, int axis, const grids::Line& at,
+                             std::span<double> line) const {
+  if (mirrors_ == nullptr) {
+    at.read(values.data(), line);
+  } else {
+    mirrors_->read_line(field, values, axis, at.first, Mirrors::Slope::left_out, line);
+  }
+}
+
+LatticeMeter::Spectrum LatticeMeter::spectrum_of(int field, std::span<const double> values) {
+  const auto nodes = static_cast<double>(grid_.size());
+  // About one of the values, so that what cancels is less than the power times the number of nodes.
+  const double base = values.front();
+  grids::LaneSum sums, squares;
+  std::vector<double> line(grid_.cells(0));
+  for (const grids::Line& at : grids::lines_along(grid_, 0)) {
+    read_line(field, values, 0, at, line);
+    std::ranges::for_each(line, [base](double& value) { value -= base; });
+    sums.add(line);
+    squares.add_squares(line);
+  }
+  const double sum = sums.total().value();
+  Spectrum spectrum{
+      .sum = sum + nodes * base, .power = std::max(0.0, nodes * squares.total().value() - sum * sum), .along = {}};
   double not_last = 1.0, not_alternating = 1.0;  // shares of the waves that are so along no axis
   for (int a = 0; a < grid_.dimensions(); ++a) {
-    const std::vector<double>& along = spectrum.along.emplace_back(powers_along(a, values));
+    const std::vector<double>& along = spectrum.along.emplace_back(powers_along(a, field, values));
     double last = 0.0;
     for (std::size_t k = 1; k < along.size(); ++k) {
       last += 3 * k > grid_.cells(a) ? along[k] : 0.0;
@@ -134,7 +150,7 @@ LatticeMeter::Spectrum LatticeMeter::spectrum_of(std::span<const double> values)
 }
 
 /// The powers of the waves along an axis: of all its lines, or of some at equal distances, in place of all.
-std::vector<double> LatticeMeter::powers_along(int axis, std::span<const double> values) {
+std::vector<double> LatticeMeter::powers_along(int axis, int field, std::span<const double> values) {
   constexpr std::size_t most_nodes = std::size_t{1} << 16;
   const std::size_t n = grid_.cells(axis);
   const std::vector<grids::Line> lines = grids::lines_along(grid_, axis);
@@ -149,7 +165,7 @@ std::vector<double> LatticeMeter::powers_along(int axis, std::span<const double>
   std::vector<double> line(n), powers(n / 2 + 1, 0.0);
   const double* const arrays[] = {line.data()};
   for (std::size_t number = 0; number < taken; ++number) {
-    lines[number * lines.size() / taken].read(values.data(), line);
+    read_line(field, values, axis, lines[number * lines.size() / taken], line);
     waves->forward(arrays);
     for (std::size_t k = 0; k < powers.size(); ++k) {
       // Half of the modes are kept: the others are their conjugates.
@@ -195,7 +211,7 @@ void LatticeMeter::measure(const LatticeLevel& level, std::span<const double> ma
   std::vector<Spectrum> spectra;
   for (int f = 0; f < system_.field_count(); ++f) {
     const bool has_waves = !system_.structure().at_midpoints(f);
-    spectra.push_back(has_waves ? spectrum_of(level.fields.field(f)) : Spectrum{});
+    spectra.push_back(has_waves ? spectrum_of(f, level.fields.field(f)) : Spectrum{});
   }
   remove_rounding(spectra, magnitudes);
   const Eigen::MatrixXd hessian = hessian_of(spectra);
@@ -259,7 +275,7 @@ std::vector<LatticeMeter::Spectrum> LatticeMeter::moving_part(const std::vector<
     const auto now = level.fields.field(static_cast<int>(f)), then = before.fields.field(static_cast<int>(f));
     std::ranges::transform(now, then, change.begin(), std::minus());
     for (int a = 0; a < grid_.dimensions(); ++a) {
-      const std::vector<double> powers = powers_along(a, change);
+      const std::vector<double> powers = powers_along(a, static_cast<int>(f), change);
       std::vector<double>& along = moving[f].along[static_cast<std::size_t>(a)];
       std::ranges::transform(along, powers, along.begin(),
                              [](double whole, double part) { return std::min(whole, 0.5 * part); });
@@ -309,8 +325,16 @@ void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const std:
 
 void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
                                   figures::Measures& measures) {
-  const auto look_at = [&](std::span<const double> values) {
-    const auto broken = find_seam_break(grid_, values);
+  std::vector<double> line;
+  const auto look_at = [&](int field, std::span<const double> values) {
+    const double largest = grids::max_abs(values);
+    const auto broken = find_seam_break(grid_, largest, [&](int axis, const UseOfLine& use) {
+      line.resize(grid_.cells(axis));
+      for (const grids::Line& at : grids::lines_along(grid_, axis)) {
+        read_line(field, values, axis, at, line);
+        use(line, at.first);
+      }
+    });
     const auto is_driven = [this](int axis) {
       const grids::Axis& along = grid_.axis(axis);
       return is_driven_ && (along.left != grids::End::periodic || along.mirrored > 0);
@@ -318,14 +342,14 @@ void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<b
     // A wall that drives a field is no mirror of it, so that nothing has to close there.
     if (broken && !is_driven(broken->axis)) {
       const double slope = broken->jump ? 1.0 : grid_.spacing(broken->axis);
-      const double share = std::abs(broken->across) * slope / grids::max_abs(values);
+      const double share = std::abs(broken->across) * slope / largest;
       measures.period = measures.period >= share ? measures.period : share;
     }
   };
   if (is_start) {
     for (int f = 0; f < system_.field_count(); ++f) {
       if (counts[static_cast<std::size_t>(f)]) {
-        look_at(level.fields.field(f));
+        look_at(f, level.fields.field(f));
       }
     }
   }
@@ -333,7 +357,7 @@ void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<b
     const std::vector<std::vector<double>> slopes = (*gradient_)(level, t);
     for (std::size_t f = 0; f < slopes.size(); ++f) {
       if (counts[f] || !moves_[f]) {
-        look_at(slopes[f]);
+        look_at(static_cast<int>(f), slopes[f]);
       }
     }
   }
@@ -355,7 +379,7 @@ void LatticeMeter::measure_seam(const LatticeLevel& level, const std::vector<boo
     double beside = 0.0;
     for (int a = 0; a < grid_.dimensions(); ++a) {
       if (grid_.axis(a).mirrored == 0) {
-        for (const grids::Line& line : grids::lines_along(grid_, a)) {
+        for (const grids::Line& line : grids::lines_along(own_grid(), a)) {
           beside = std::max(beside, std::abs(values[line.first]));
         }
       }

@@ -10,7 +10,9 @@
 #include <rubato/figures/verdict.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/grid.hpp>
+#include <rubato/grids/lines.hpp>
 #include <rubato/pde/initial_level.hpp>
+#include <rubato/pde/mirrors.hpp>
 #include <rubato/pde/multisymplectic_system.hpp>
 #include <rubato/pde/node_formula.hpp>
 #include <rubato/problem/problem.hpp>
@@ -24,9 +26,10 @@ namespace rubato {
 /// part in the energy is bounded by e_f = Σ_g (|S''_fg| + |K_fg| k_g) |z_f| |z_g|, a number that no unit changes.
 class LatticeMeter {
 public:
-  /// \param first the level at the start
+  /// \param first the level at the start \param mirrors of a grid with walls, between which levels are; looked at is
+  /// the ring on which they go on
   LatticeMeter(const Problem& problem, const MultisymplecticSystem& system, const grids::Grid& grid,
-               const LatticeLevel& first);
+               const LatticeLevel& first, const Mirrors* mirrors);
 
   /// \param magnitudes of each field, the largest number that its values are sums of: a ramp that the level is without
   /// leaves its rounding there
@@ -46,8 +49,11 @@ private:
     double last = 0.0, alternating = 0.0;
     std::vector<std::vector<double>> along;  ///< for each axis by |k|
   };
-  [[nodiscard]] Spectrum spectrum_of(std::span<const double> values);
-  [[nodiscard]] std::vector<double> powers_along(int axis, std::span<const double> values);
+  [[nodiscard]] const grids::Grid& own_grid() const { return mirrors_ == nullptr ? grid_ : mirrors_->grid(); }
+  void read_line(int field, std::span<const double> values, int axis, const grids::Line& at,
+                 std::span<double> line) const;
+  [[nodiscard]] Spectrum spectrum_of(int field, std::span<const double> values);
+  [[nodiscard]] std::vector<double> powers_along(int axis, int field, std::span<const double> values);
   void remove_rounding(std::vector<Spectrum>& spectra, std::span<const double> magnitudes) const;
   [[nodiscard]] Eigen::MatrixXd hessian_of(const std::vector<Spectrum>& spectra) const;
   [[nodiscard]] std::vector<Spectrum> moving_part(const std::vector<Spectrum>& spectra, const LatticeLevel& level,
@@ -61,7 +67,8 @@ private:
                     figures::Measures& measures) const;
 
   const MultisymplecticSystem& system_;
-  const grids::Grid& grid_;
+  const Mirrors* mirrors_;
+  const grids::Grid& grid_;                         ///< the ring
   std::vector<bool> moves_;                         ///< the fields with an equation of motion, at levels
   std::optional<NodeFormula> gradient_;             ///< ∇S, where S names a coordinate
   bool is_driven_ = false;                          ///< by walls

@@ -42,7 +42,7 @@ public:
         whole_(make_jumps(problem), lattice_.grid(), lattice_.system().field_count()),
         energy_terms_(make_energy_terms(lattice_.system(), lattice_.grid())),
         mirrors_(make_mirrors(lattice_)),
-        meter_(problem, lattice_.system(), mirrors_ ? mirrors_->ring() : lattice_.grid(), lattice_.level()),
+        meter_(problem, lattice_.system(), lattice_.grid(), lattice_.level(), mirrors_ ? &*mirrors_ : nullptr),
         previous_t_(lattice_.t()) {
     step_by(lattice_);
     for (const auto& formula : problem.multisymplectic()->initial) {
@@ -88,12 +88,8 @@ public:
       magnitudes.push_back(
           std::max(grids::max_abs(level.fields.field(f)), whole_.largest_addend(f, level.fields.all())));
     }
-    if (mirrors_) {
-      meter_.measure(mirrors_->extended_without_slope(level), magnitudes, number, t(), last_h_, measures);
-    } else {
-      meter_.measure(level, magnitudes, number, t(), last_h_, measures,
-                     frame_ && std::has_single_bit(number) ? &lattice_.previous() : nullptr);
-    }
+    meter_.measure(level, magnitudes, number, t(), last_h_, measures,
+                   frame_ && std::has_single_bit(number) ? &lattice_.previous() : nullptr);
     // A wave that rests in the frame shows no increment.
     if (number < (frame_ ? 1U : 2U)) {
       measure_exact(number == 0, measures);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <rubato/grids/local_polynomial.hpp>
+#include <rubato/grids/weights.hpp>
 
 using namespace rubato::grids;
 
@@ -70,5 +71,18 @@ TEST_CASE("a grid between walls has both ends, and its weights add up to its vol
     sum += grid.weight(node) * grid.cell_volume();
   }
   CHECK(sum == Approx(3.0));
+  // Of any nodes that follow each other, with ghosts beyond the walls as well.
+  Axis with_ghosts = between_walls(6);
+  with_ghosts.cells += 4;
+  with_ghosts.ghosts = 2;
+  for (const Grid& some : {grid, Grid({with_ghosts, {"y", 0.0, 1.0, 4}}), Grid({{"y", 0.0, 1.0, 4}, with_ghosts})}) {
+    for (std::size_t first = 0; first < some.size(); ++first) {
+      std::vector<double> values(some.size() - first, 3.0);
+      weigh(some, first, values);
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        CHECK(values[i] == 3.0 * some.weight(first + i));
+      }
+    }
+  }
   CHECK_THROWS_AS(Grid({{.name = "x", .from = 0.0, .to = 1.0, .cells = 9, .left = End::fixed}}), std::invalid_argument);
 }
