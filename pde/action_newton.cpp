@@ -211,12 +211,13 @@ struct ActionNewton::Storage {
       return true;
     }
     const auto apply = [this](const double* in, double* out) {
-      Eigen::Map<VectorXd>(out, size).noalias() = matrix * Eigen::Map<const VectorXd>(in, size);
+      iterative->means(in, iterative->image.data());
+      Eigen::Map<VectorXd>(out, size).noalias() = matrix * iterative->image;
     };
-    const solve::GmresOutcome outcome =
-        iterative->gmres.solve(apply, iterative->means, {right.data(), static_cast<std::size_t>(size)},
-                               {solution.data(), static_cast<std::size_t>(size)},
-                               {.tolerance = krylov_tolerance, .acceptable = krylov_acceptable});
+    const solve::GmresOutcome outcome = iterative->gmres.solve(
+        apply, {right.data(), static_cast<std::size_t>(size)}, {solution.data(), static_cast<std::size_t>(size)},
+        {.tolerance = krylov_tolerance, .acceptable = krylov_acceptable});
+    iterative->means(solution.data(), solution.data());
     return outcome.status == Status::success && solution.allFinite();
   }
 
@@ -275,9 +276,10 @@ struct ActionNewton::Storage {
   /// In more than one dimension, where factors fill up. The pseudo-inverse of the means leaves held modes alone.
   struct Iterative {
     Iterative(const grids::Grid& of, int count)
-        : means(of, count), gmres(static_cast<std::size_t>(count) * of.size(), krylov_restart) {}
+        : means(of, count), gmres(static_cast<std::size_t>(count) * of.size(), krylov_restart), image(gmres.size()) {}
     solve::FourierPreconditioner means;
     solve::Gmres gmres;
+    VectorXd image;  ///< of the means' inverse
   };
   std::optional<Iterative> iterative;
   bool is_constant = true;  ///< the matrix depends on h alone

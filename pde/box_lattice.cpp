@@ -89,9 +89,7 @@ public:
         row_rounding_(system, grid),
         low_(system.field_count(), grid.size()),
         point_(system.field_count(), grid.size()),  // no copies: those write, and take memory
-        delta_(system.field_count(), grid.size()),
         residual_(system.field_count(), grid.size()),
-        correction_(system.field_count(), grid.size()),
         hessian_(static_cast<int>(system.varying_hessian().size()), grid.size()),
         history_(at_midpoints_, grid.size()),
         largest_(at_midpoints_.size(), 0.0),
@@ -106,7 +104,7 @@ public:
     }
     for (const int f : condensation_.free()) {
       free_residual_.push_back(std::as_const(residual_).field(f).data());
-      free_correction_.push_back(correction_.field(f).data());
+      free_correction_.push_back(point_.field(f).data());
     }
     for (std::size_t e = 0; e < system.varying_hessian().size(); ++e) {
       const int row = condensation_.place(system.varying_hessian()[e].row);
@@ -139,9 +137,9 @@ public:
     }
     find_start_velocity();
     if (trial_h_ == 0.0) {
-      history_.predict(h, delta_);
+      history_.predict(h);
     } else {
-      history_.shift(trial_h_, h, delta_);
+      history_.shift(trial_h_, h);
     }
     const Status status = solve(h, accuracy, trial_h_ == 0.0 ? 1.0 : std::abs(h - trial_h_) / std::abs(h));
     trial_h_ = status == Status::success ? h : 0.0;
@@ -152,8 +150,8 @@ public:
   /// It changes slowly, and costs more than a sweep: taken anew now and then.
   [[nodiscard]] formula::SumSize energy_size() override {
     if (size_age_ >= tuning::size_period) {
-      const grids::FieldSet& point = correction_;  // which no step goes on from
-      make_point(trial_h_ == 0.0 ? 0.0 : 0.5, correction_);
+      make_point(trial_h_ == 0.0 ? 0.0 : 0.5);
+      const grids::FieldSet& point = point_;
       size_of_energy_ = sweep_.energy_size(point.pointers(), level_.slopes, terms_at_start_);
       EnergyFloor(system_, grid_).raise(size_of_energy_, point.pointers());
       size_age_ = 0;
@@ -170,9 +168,8 @@ public:
   [[nodiscard]] NodeEnergy node() override {
     if (!node_known_) {
       find_start_velocity();
-      grids::FieldSet& rate = trial_h_ == 0.0 ? delta_ : correction_;  // whichever nothing goes on from
-      history_.velocity(rate);
-      node_ = level_node(rate);
+      history_.velocity(point_);
+      node_ = level_node(point_);
       node_known_ = true;
     }
     return node_;
@@ -185,14 +182,12 @@ public:
   }
 
   void accept() override {
-    history_.record(0.5 * trial_h_, trial_h_, delta_);
-    history_.advance(trial_h_);
     contraction_.advance();
     ++size_age_;
     std::array<std::span<const double>, MultisymplecticSystem::most_fields> rows;
     std::array<double, MultisymplecticSystem::most_fields> sizes;
     for (std::size_t f = 0; f < largest_.size(); ++f) {
-      rows[f] = std::as_const(delta_).field(static_cast<int>(f));
+      rows[f] = std::as_const(delta()).field(static_cast<int>(f));
     }
     grids::max_abs(std::span(rows).first(largest_.size()), std::span(sizes).first(largest_.size()));
     for (std::size_t f = 0; f < largest_.size(); ++f) {
@@ -200,6 +195,8 @@ public:
       const int field = static_cast<int>(f);
       add_increment(rows[f], at_midpoints_[f], level_.fields.field(field), low_.field(field));
     }
+    history_.record(0.5 * trial_h_, trial_h_);
+    history_.advance(trial_h_);
     work_ += work_of_step_;
     ++steps_;
     start_level();
@@ -213,14 +210,14 @@ public:
     start_tried_ = true;
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto z_0 = level.fields.field(f), z_1 = next.fields.field(f);
-      const auto delta = delta_.field(f);
+      const auto change = delta().field(f);
       const bool midpoint = at_midpoints_[static_cast<std::size_t>(f)];
-      for (std::size_t n = 0; n < delta.size(); ++n) {
-        delta[n] = midpoint ? 2.0 * z_1[n] : z_1[n] - z_0[n];
+      for (std::size_t n = 0; n < change.size(); ++n) {
+        change[n] = midpoint ? 2.0 * z_1[n] : z_1[n] - z_0[n];
       }
-      largest_[static_cast<std::size_t>(f)] = grids::max_abs(std::as_const(delta_).field(f));
+      largest_[static_cast<std::size_t>(f)] = grids::max_abs(std::as_const(delta()).field(f));
     }
-    history_.record(0.5 * h, h, delta_);
+    history_.record(0.5 * h, h);
     start_level();
   }
 
@@ -269,6 +266,7 @@ public:
   }
 
 private:
+  [[nodiscard]] grids::FieldSet& delta() { return history_.increment(); }
   [[nodiscard]] bool is_driven() const { return walls_ && walls_->drives(); }
   void start_level() {
     std::ranges::fill(level_sizes_, -1.0);
@@ -281,16 +279,16 @@ private:
   }
 
   /// point = z + scale·δ at every node; fields at midpoints have z = 0.
-  void make_point(double scale, grids::FieldSet& to) const {
+  void make_point(double scale) {
     for (int f = 0; f < system_.field_count(); ++f) {
       const double* high = level_.fields.field(f).data();
       const double* low = low_.field(f).data();
-      const double* delta = delta_.field(f).data();
-      double* point = to.field(f).data();
+      const double* change = delta().field(f).data();
+      double* point = point_.field(f).data();
       const double keep = at_midpoints_[static_cast<std::size_t>(f)] ? 0.0 : 1.0;
       grids::for_each_block(grid_.size(), grids::nodes_per_block, [=](std::size_t begin, std::size_t end) {
         for (std::size_t n = begin; n < end; ++n) {
-          point[n] = keep * high[n] + (low[n] + scale * delta[n]);
+          point[n] = keep * high[n] + (low[n] + scale * change[n]);
         }
       });
     }
@@ -317,9 +315,9 @@ private:
     const auto rate = evolving(velocity, rates);
     const bool is_point = std::ranges::find(at_midpoints_, true) == at_midpoints_.end();
     if (!is_point) {
-      copy_level(level_.fields, at_midpoints_, point_);
+      copy_level(level_.fields, at_midpoints_, residual_);  // which no step goes on from
     }
-    const grids::FieldSet& point = is_point ? level_.fields : point_;
+    const grids::FieldSet& point = is_point ? level_.fields : residual_;
     const SweepResult result = sweep_(point.pointers(), level_.slopes, rate, 0.0, {}, {});
     return {result.energy - work_, -result.quadratic};
   }
@@ -341,30 +339,30 @@ private:
   }
 
   void solve_start_velocity() {
-    delta_.fill(0.0);
+    delta().fill(0.0);
     if (solve(start_step_, 0.0) != Status::success) {
-      delta_.fill(0.0);
       return;
     }
-    grids::FieldSet forward = delta_;
+    const grids::FieldSet forward = delta();
     for (int f = 0; f < system_.field_count(); ++f) {
       if (!at_midpoints_[static_cast<std::size_t>(f)]) {
-        for (double& value : delta_.field(f)) {
+        for (double& value : delta().field(f)) {
           value = -value;
         }
       }
     }
-    if (solve(-start_step_, 0.0) == Status::success) {
-      for (int f = 0; f < system_.field_count(); ++f) {
-        const bool midpoint = at_midpoints_[static_cast<std::size_t>(f)];
-        for (std::size_t n = 0; n < grid_.size(); ++n) {
-          const double back = delta_.field(f)[n];
-          forward.field(f)[n] = midpoint ? 0.5 * (forward.field(f)[n] + back) : forward.field(f)[n] - back;
-        }
-      }
-      history_.record(0.0, 2.0 * start_step_, forward);
+    if (solve(-start_step_, 0.0) != Status::success) {
+      return;
     }
-    delta_.fill(0.0);
+    for (int f = 0; f < system_.field_count(); ++f) {
+      const bool midpoint = at_midpoints_[static_cast<std::size_t>(f)];
+      const auto ahead = forward.field(f);
+      const auto change = delta().field(f);
+      for (std::size_t n = 0; n < grid_.size(); ++n) {
+        change[n] = midpoint ? 0.5 * (ahead[n] + change[n]) : ahead[n] - change[n];
+      }
+    }
+    history_.record(0.0, 2.0 * start_step_);
   }
 
   /// \param distance relative, from the length of the last trial: the next one will be nearer by as much again or more,
@@ -383,28 +381,29 @@ private:
     }
     condensation_.reduced_mean(h, matrix_.mean);
     if (walls_) {
-      walls_->hold(level_.fields, low_, start_ + (steps_ + 1.0) * h, delta_);
+      walls_->hold(level_.fields, low_, start_ + (steps_ + 1.0) * h, delta());
     }
-    condensation_.follow(h, level_.fields, low_, delta_);
+    condensation_.follow(h, level_.fields, low_, delta());
     EvolvingRates rates;
-    const auto rate = evolving(delta_, rates);
+    const auto rate = evolving(delta(), rates);
     const grids::FieldSet& point = point_;
+    grids::FieldSet& correction = point_;                   // found when its sweep is over
     double last = std::numeric_limits<double>::infinity();  // the size of the last correction
     double error = std::numeric_limits<double>::infinity();
     added_.fill(std::numeric_limits<double>::infinity());
     bool stalled = false;  // the corrections of all fields
     for (int iteration = 0;; ++iteration) {
-      make_point(0.5, point_);
+      make_point(0.5);
       const SweepResult result =
           sweep_(point.pointers(), level_.slopes, rate, 1.0 / h, residual_.pointers(), hessian_.pointers());
       if (walls_) {
-        walls_->close(condensation_.free(), point_, delta_, 1.0 / h, matrix_, residual_);
+        walls_->close(condensation_.free(), point_, delta(), 1.0 / h, matrix_, residual_);
       }
       ++iterations_;
       if (!result.finite) {
         return Status::undefined;
       }
-      work_of_step_ = walls_ ? walls_->work(point_, delta_) : 0.0;
+      work_of_step_ = walls_ ? walls_->work(point_, delta()) : 0.0;
       energy_ = result.energy - (work_ + 0.5 * work_of_step_);
       slope_ = result.quadratic / (4.0 * h);
       // What the corrections report on their error rests on S'' at single points: where it changes fast, a correction
@@ -417,35 +416,38 @@ private:
       if (iteration == most_iterations) {
         return Status::not_converged;
       }
-      // The next sweep shows what a solve left, but the last solve of a step may have none; with a kernel to be
-      // bordered, elimination can fail and is checked.
-      solver_->check_residuals(conditions_.count() > 0 || iteration >= careful_after || accuracy == 0.0);
+      // The next sweep shows what a solve left; with a kernel to be bordered, elimination can fail and is checked.
+      solver_->check_residuals(conditions_.count() > 0 || iteration >= careful_after);
       if (const Status status = solver_->solve(matrix_, conditions_, free_residual_, free_correction_, border_);
           status != Status::success) {
         return status == Status::undefined ? status : Status::not_converged;
       }
       if (!solver_->finds_ghosts()) {
-        grids::refresh_ghosts(correction_, condensation_.free());
+        grids::refresh_ghosts(correction, condensation_.free());
       }
       if (walls_) {
-        walls_->hold(correction_);
+        walls_->hold(correction);
       }
-      condensation_.correct(h, correction_);
+      condensation_.correct(h, correction);
       const double size = add_correction(stalled);
       if (!std::isfinite(size)) {
         return Status::undefined;
       }
-      if (size > 1e3 && size > last && !is_rounding(h)) {
-        return Status::not_converged;
+      const bool grows = size > 1e3 && size > last;
+      if (grows) {
+        make_point(0.5);
+        if (!is_rounding(h)) {
+          return Status::not_converged;
+        }
       }
       if (iteration > 0 && !stalled) {
         contraction_.observe(last, size, h);
       }
       error = contraction_.error_after(size, h) + solver_->error() * size;
-      if (error <= enough && change_known_ && is_trial) {
+      if (error <= enough && change_known_ && is_trial && !grows) {
         // What another sweep would show.
         const EnergyChange change = sweep_.energy_change(rate, 1.0 / h, std::as_const(residual_).pointers(),
-                                                         std::as_const(correction_).pointers());
+                                                         std::as_const(correction).pointers());
         energy_ += change.energy;
         slope_ += change.quadratic / (4.0 * h);
         return std::isfinite(energy_) && std::isfinite(slope_) ? Status::success : Status::undefined;
@@ -459,7 +461,7 @@ private:
     RowRounding::Values values;
     for (int f = 0; f < system_.field_count(); ++f) {
       const auto i = static_cast<std::size_t>(f);
-      const double increment = grids::max_abs(std::as_const(delta_).field(f));
+      const double increment = grids::max_abs(std::as_const(delta()).field(f));
       values.point[i] = (at_midpoints_[i] ? 0.0 : level_size(f)) + 0.5 * increment;
       values.increment[i] = at_midpoints_[i] ? 0.0 : increment;
       values.slope[i] = largest_slope(level_.slopes, i, grid_);
@@ -488,11 +490,11 @@ private:
     return size;
   }
 
-  /// δ += 2 c; the largest relative size of c over the fields.
+  /// δ += 2 c of the correction c that stands where the point was; the largest relative size of c over the fields.
   /// \param stalled becomes true if no field's correction is much smaller than the last one of this step
   double add_correction(bool& stalled) {
     std::array<IncrementSizes, MultisymplecticSystem::most_fields> all;
-    add_twice(correction_, delta_, std::span(all).first(at_midpoints_.size()));
+    add_twice(point_, delta(), std::span(all).first(at_midpoints_.size()));
     double size = 0.0;
     stalled = true;
     for (int f = 0; f < system_.field_count(); ++f) {
@@ -513,9 +515,10 @@ private:
   std::vector<bool> at_midpoints_;
   CellSweep sweep_;
   RowRounding row_rounding_;
-  grids::FieldSet low_;  ///< the fields are level_.fields + low_
-  grids::FieldSet point_, delta_, residual_, correction_, hessian_;
-  LevelHistory history_;
+  grids::FieldSet low_;    ///< the fields are level_.fields + low_
+  grids::FieldSet point_;  ///< of a sweep, and in its place the correction that the sweep asks for
+  grids::FieldSet residual_, hessian_;
+  LevelHistory history_;             ///< with the step under way
   std::vector<double> largest_;      ///< of |δ| of each field so far
   std::vector<double> level_sizes_;  ///< max |z| of each field; -1: not known yet
   RowRounding::Sizes added_{};       ///< max |2 c| of each field in the last correction of a step

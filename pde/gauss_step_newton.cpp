@@ -219,7 +219,6 @@ Status GaussStep::iterate_by_newton(double accuracy, std::span<const double> lar
   static_cast<void>(place_stages(largest));
   double residual = evaluate_residual(), last = std::numeric_limits<double>::infinity();
   const auto matrix = [this](const double* in, double* out) { apply_newton_matrix(in, out); };
-  const auto identity = [size = y_.all().size()](const double* in, double* out) { std::copy_n(in, size, out); };
   bool done = false;
   for (int count = 0; count < most_slab_corrections; ++count) {
     if (!std::isfinite(residual)) {
@@ -239,7 +238,7 @@ Status GaussStep::iterate_by_newton(double accuracy, std::span<const double> lar
     correction.fill(0.0);
     const double tolerance = std::clamp(last, finest_solve, coarsest_solve);
     const solve::GmresOutcome solved =
-        newton_->gmres.solve(matrix, identity, std::as_const(newton_->residual).all(), correction.all(),
+        newton_->gmres.solve(matrix, std::as_const(newton_->residual).all(), correction.all(),
                              {.tolerance = tolerance, .acceptable = 0.5, .max_iterations = most_krylov_iterations});
     if (solved.status != Status::success) {
       return solved.status == Status::undefined ? solved.status : Status::not_converged;

@@ -55,7 +55,6 @@ public:
         gather_(grid),
         inverse_(grid, size),
         all_(static_cast<std::size_t>(size)),
-        rhs_(size, grid.size()),
         reads_ghosts_(collocation == Collocation::cells && grids::Slab::of(grid) != nullptr) {
     std::iota(all_.begin(), all_.end(), 0);
     if (collocation == Collocation::nodes) {
@@ -63,29 +62,19 @@ public:
     }
     if (collocation.has_elements()) {
       elements_ = std::make_unique<ElementOperators>(grid, collocation.stages);
-      symbols_.push_back(symbols_of(elements_->space(), grid.cells(0)));
-      return;
     }
     for (int a = 0; a < grid.dimensions(); ++a) {
-      const grids::Axis& axis = whole_.axis(a);
-      std::vector<Symbol>& symbols = symbols_.emplace_back(axis.cells);
-      for (std::size_t i = 0; i < symbols.size(); ++i) {
-        const auto k =
-            static_cast<std::ptrdiff_t>(i) - (2 * i > symbols.size() ? static_cast<std::ptrdiff_t>(symbols.size()) : 0);
-        if (collocation == Collocation::nodes) {
-          symbols[i] = {1.0, grids::derivative_symbol(k, axis)};
-        } else {
-          const double theta = grids::wave_angle(k, symbols.size());
-          symbols[i] = {grids::average_symbol(theta), grids::difference_symbol(theta, axis.spacing())};
-        }
-      }
+      find_symbols(a);
     }
   }
 
   Status solve(const CellMatrix& matrix, const KernelConditions& conditions, std::span<const double* const> rhs,
                std::span<double* const> solution, std::span<double> y) override {
     std::span<const double* const> right = rhs;
-    if (check_ || conditions.count() > 0 || elements_ != nullptr) {
+    if (conditions.count() > 0 || elements_ != nullptr) {
+      if (rhs_.fields() == 0) {
+        rhs_ = grids::FieldSet(size_, grid_.size());
+      }
       for (int r = 0; r < size_; ++r) {
         std::ranges::copy(std::span(rhs[static_cast<std::size_t>(r)], grid_.size()), rhs_.field(r).begin());
       }
@@ -98,7 +87,7 @@ public:
     }
     Status status = solve_once(right, solution, tolerance_);
     if (status == Status::success && check_) {
-      status = refine(matrix, solution);
+      status = refine(matrix, right, solution);
     }
     if (status == Status::success) {
       hold_means(matrix, conditions, solution);
@@ -115,6 +104,32 @@ public:
   [[nodiscard]] double error() const override { return error_; }
 
 private:
+  /// A and D/A along an axis: from ẑ of the nodes to the rows.
+  void find_symbols(int a) {
+    const grids::Axis& axis = whole_.axis(a);
+    std::vector<std::complex<double>>& averages = averages_.emplace_back(axis.cells);
+    std::vector<double>& slopes = slopes_.emplace_back(axis.cells);
+    for (std::size_t w = 0; w < axis.cells; ++w) {
+      const bool is_negative = 2 * w > axis.cells;
+      const std::size_t place = is_negative ? axis.cells - w : w;
+      const double sign = is_negative ? -1.0 : 1.0;
+      if (elements_ != nullptr && 2 * w == axis.cells) {
+        continue;  // a wave that no row sees
+      }
+      if (elements_ != nullptr) {
+        averages[w] = elements_->space().factor().re.field(0)[place];
+        slopes[w] = sign * elements_->space().derivatives()[0][place];
+      } else if (collocation_ == Collocation::nodes) {
+        averages[w] = 1.0;
+        slopes[w] = sign * grids::derivative_symbol(static_cast<std::ptrdiff_t>(place), axis).imag();
+      } else {
+        const double theta = sign * grids::wave_angle(static_cast<std::ptrdiff_t>(place), axis.cells);
+        averages[w] = grids::average_symbol(theta);
+        slopes[w] = 2.0 * std::tan(0.5 * theta) / axis.spacing();
+      }
+    }
+  }
+
   /// The waves on which the kernel's vectors are to be looked for, and the lines along x over which they are one.
   [[nodiscard]] StillWaves still_waves(const CellMatrix& matrix, const MatrixXd& vectors, bool transposed) const {
     std::array<bool, 2> free{};
@@ -286,14 +301,9 @@ private:
       start_ = grids::FieldSet(columns, grid_.size());
       means_at_points_ = elements_ != nullptr ? start_ : grids::FieldSet();
       with_ghosts_ = reads_ghosts_ ? start_ : grids::FieldSet();
-      image_ = start_;
-      gmres_.reset();
     }
     if (products_.fields() < static_cast<int>(rows_.size())) {
       products_ = grids::FieldSet(static_cast<int>(rows_.size()), grid_.size());
-    }
-    if (columns > 0 && (gmres_ == nullptr || gmres_->size() != columns_.size() * grid_.size())) {
-      gmres_ = std::make_unique<solve::Gmres>(columns_.size() * grid_.size(), restart);
     }
   }
 
@@ -302,10 +312,9 @@ private:
     error_ = 0.0;
     inverse_.take(rhs);
     if (variation_.empty()) {
-      inverse_.solve({}, {}, all_, solution);
+      inverse_.solve_all({}, {}, solution);
       return Status::success;
     }
-    const std::span<double> w = image_.all().first(columns_.size() * grid_.size());
     inverse_.solve({}, {}, columns_, start_.pointers().first(columns_.size()));
     // w = (C⁻¹ r)_w is off by the operator's size, c then by its square.
     if (spread_ * spread_ <= tolerance) {
@@ -314,14 +323,19 @@ private:
       if (error_ <= tolerance) {
         return Status::success;
       }
+      inverse_.take(rhs);
     }
+    if (gmres_ == nullptr || gmres_->size() != columns_.size() * grid_.size()) {
+      image_ = grids::FieldSet(static_cast<int>(columns_.size()), grid_.size());
+      gmres_ = std::make_unique<solve::Gmres>(image_.all().size(), restart);
+    }
+    const std::span<double> w = image_.all();
     grids::parallel_fill(w.data(), w.size(), 0.0);
     const auto apply = [&](const double* in, double* out) { apply_operator(in, out); };
-    const auto copy = [&](const double* in, double* out) { std::copy_n(in, w.size(), out); };
     // c is nearer than w by the operator's size, where that is small enough to be relied on.
     const double needed = spread_ < 0.1 ? tolerance / std::max(spread_, 1e-3) : tolerance;
     const auto outcome = gmres_->solve(
-        apply, copy, start_.all().first(w.size()), w,
+        apply, start_.all().first(w.size()), w,
         {.tolerance = std::min(needed, 1e-2), .acceptable = std::max(100.0 * tolerance, 1e-13), .max_iterations = 200});
     if (outcome.status != Status::success) {
       return outcome.status;
@@ -334,7 +348,7 @@ private:
   /// c of w, and how far (C⁻¹ r)_w was from c_w.
   void finish(const double* w, std::span<double* const> solution) {
     multiply_variation(w);
-    inverse_.solve(rows_, std::as_const(products_).pointers().first(rows_.size()), all_, solution);
+    inverse_.solve_all(rows_, std::as_const(products_).pointers().first(rows_.size()), solution);
     double distance = 0.0;
     double size = 0.0;
     for (std::size_t j = 0; j < columns_.size(); ++j) {
@@ -420,8 +434,13 @@ private:
   }
 
   /// Makes the residual of the whole system as small as asked, or as rounding allows.
-  Status refine(const CellMatrix& matrix, std::span<double* const> solution) {
-    const double size = std::sqrt(grids::dot(rhs_.all(), rhs_.all()));
+  Status refine(const CellMatrix& matrix, std::span<const double* const> rhs, std::span<double* const> solution) {
+    double square = 0.0;
+    for (int r = 0; r < size_; ++r) {
+      const std::span row(rhs[static_cast<std::size_t>(r)], grid_.size());
+      square += grids::dot(row, row);
+    }
+    const double size = std::sqrt(square);
     if (correction_.fields() == 0) {
       correction_ = grids::FieldSet(size_, grid_.size());
       residual_ = grids::FieldSet(size_, grid_.size());
@@ -434,13 +453,15 @@ private:
     double previous = 0.0;
     for (int pass = 0;; ++pass) {
       multiply(matrix, solution);
-      double* r = residual_.all().data();
-      const double* b = std::as_const(rhs_).all().data();
-      grids::for_each_block(rhs_.all().size(), 4096, [=](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) {
-          r[i] = b[i] - r[i];
-        }
-      });
+      for (int f = 0; f < size_; ++f) {
+        double* r = residual_.field(f).data();
+        const double* b = rhs[static_cast<std::size_t>(f)];
+        grids::for_each_block(grid_.size(), 4096, [=](std::size_t begin, std::size_t end) {
+          for (std::size_t i = begin; i < end; ++i) {
+            r[i] = b[i] - r[i];
+          }
+        });
+      }
       const double left = size > 0.0 ? std::sqrt(grids::dot(residual_.all(), residual_.all())) / size : 0.0;
       if (!std::isfinite(left)) {
         return Status::undefined;
@@ -488,8 +509,8 @@ private:
     for (std::size_t a = 0; a < differences.size(); ++a) {
       list(matrix.difference[a], differences[a]);
       double largest = 0.0;
-      for (const Symbol& symbol : symbols_[a]) {
-        largest = std::max(largest, std::abs(symbol.difference));
+      for (const double slope : slopes_[a]) {
+        largest = std::max(largest, std::abs(slope));
       }
       sizes_ += largest * matrix.difference[a].cwiseAbs();
     }
@@ -498,33 +519,19 @@ private:
     for (int i = 0; i < size_ * size_; ++i) {
       sizes.push_back(sizes_(i / size_, i % size_));
     }
-    using Complex = std::complex<double>;
-    const auto product = [](Complex a, Complex b) {  // std::complex's looks out for infinities
-      return Complex(a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real());
-    };
-    const auto entries = [&](const std::array<std::ptrdiff_t, 3>& k, Complex* out) {
-      std::array<Symbol, 3> symbols{{{1.0, 0.0}, {1.0, 0.0}, {1.0, 0.0}}};
-      for (std::size_t a = 0; a < symbols_.size(); ++a) {
-        const auto waves = static_cast<std::ptrdiff_t>(symbols_[a].size());
-        symbols[a] = symbols_[a][static_cast<std::size_t>(k[a] < 0 ? k[a] + waves : k[a])];
+    const auto entries = [&](const std::array<std::ptrdiff_t, 3>& k, std::complex<double>* out) {
+      for (const MatrixTerm& term : constants) {
+        out[term.row * size_ + term.column] += term.value;
       }
-      const auto add = [&](const MatrixTerms& terms, Complex symbol) {
-        for (const MatrixTerm& term : terms) {
-          out[term.row * size_ + term.column] += term.value * symbol;
+      for (std::size_t a = 0; a < differences.size(); ++a) {
+        const auto waves = static_cast<std::ptrdiff_t>(slopes_[a].size());
+        const double slope = slopes_[a][static_cast<std::size_t>(k[a] < 0 ? k[a] + waves : k[a])];
+        for (const MatrixTerm& term : differences[a]) {
+          out[term.row * size_ + term.column] += std::complex<double>(0.0, term.value * slope);
         }
-      };
-      const Complex yz = product(symbols[1].average, symbols[2].average);
-      const Complex x = symbols[0].average;
-      add(constants, product(x, yz));
-      add(differences[0], product(symbols[0].difference, yz));
-      if (differences.size() > 1) {
-        add(differences[1], product(product(x, symbols[1].difference), symbols[2].average));
-      }
-      if (differences.size() > 2) {
-        add(differences[2], product(product(x, symbols[1].average), symbols[2].difference));
       }
     };
-    return inverse_.factor(std::ref(entries), sizes);  // which a std::function holds without memory of its own
+    return inverse_.factor(std::ref(entries), sizes, averages_);  // a std::function holds it without memory of its own
   }
 
   /// residual = matrix · in.
@@ -600,20 +607,6 @@ private:
     }
   }
 
-  /// Of A and D along one axis for one wave.
-  struct Symbol {
-    std::complex<double> average, difference;
-  };
-  /// From ẑ of the nodes to the rows.
-  static std::vector<Symbol> symbols_of(const SpaceCollocation& space, std::size_t cells) {
-    std::vector<Symbol> symbols(cells);
-    for (std::size_t w = 0; 2 * w < cells; ++w) {
-      const double size = space.factor().re.field(0)[w], k = space.derivatives()[0][w];
-      symbols[w] = {size, {0.0, k * size}};
-      symbols[(cells - w) % cells] = {size, {0.0, -k * size}};
-    }
-    return symbols;
-  }
   struct Variation {
     std::size_t row, column;  ///< places in rows_ and columns_
     double factor, shift;
@@ -626,10 +619,11 @@ private:
   double tolerance_;
   CellBlocks blocks_;
   BoxGather gather_;
-  solve::FourierPreconditioner inverse_;      ///< C⁻¹
-  std::vector<std::vector<Symbol>> symbols_;  ///< of each axis, waves k < 0 at k + n
+  solve::FourierPreconditioner inverse_;                     ///< C⁻¹
+  std::vector<std::vector<std::complex<double>>> averages_;  ///< A of each axis, waves k < 0 at k + n
+  std::vector<std::vector<double>> slopes_;                  ///< D/iA
   std::vector<int> all_;
-  grids::FieldSet rhs_;
+  grids::FieldSet rhs_;                                  ///< where conditions or elements change it
   std::unique_ptr<grids::SpectralDerivative> spectral_;  ///< at nodes only
   std::unique_ptr<ElementOperators> elements_;           ///< in elements only
   bool check_ = true;

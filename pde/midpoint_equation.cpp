@@ -50,7 +50,8 @@ public:
   [[nodiscard]] StepLaw judge(const LatticeLevel& before, const LatticeLevel& after, double h) override {
     const StepLaw law = measure(before, after, h);
     if (history_) {
-      history_->record(0.5 * h, h, delta_);
+      history_->increment().copy_from(delta_);
+      history_->record(0.5 * h, h);
       history_->advance(h);
     }
     return law;

@@ -171,6 +171,46 @@ bool invert_scaled(int n, const Scales& scales, const Complex* matrix, Complex* 
   return std::all_of(a, a + n * n, finite);
 }
 
+/// Coefficients of some waves, real and imaginary parts apart, as loops in vectors have them. std::complex's product
+/// looks out for infinities.
+struct Piece {
+  std::array<double, piece> re, im;
+
+  void add(double factor, const Complex* values, std::size_t count) {
+    const auto* from = reinterpret_cast<const double*>(values);
+    for (std::size_t k = 0; k < count; ++k) {
+      re[k] += factor * from[2 * k];
+      im[k] += factor * from[2 * k + 1];
+    }
+  }
+  void add_real(const double* m, const Piece& a, std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) {
+      re[k] += m[k] * a.re[k];
+      im[k] += m[k] * a.im[k];
+    }
+  }
+  void add_imaginary(const double* m, const Piece& a, std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) {
+      re[k] -= m[k] * a.im[k];
+      im[k] += m[k] * a.re[k];
+    }
+  }
+  void multiply(Complex all, const Complex* each, std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) {
+      const Complex value = product(product(all, each[k]), {re[k], im[k]});
+      re[k] = value.real();
+      im[k] = value.imag();
+    }
+  }
+  void write(Complex* values, std::size_t count) const {
+    auto* to = reinterpret_cast<double*>(values);
+    for (std::size_t k = 0; k < count; ++k) {
+      to[2 * k] = re[k];
+      to[2 * k + 1] = im[k];
+    }
+  }
+};
+
 }  // namespace
 
 FourierPreconditioner::FourierPreconditioner(const grids::Grid& grid, int fields)
@@ -185,38 +225,60 @@ FourierPreconditioner::FourierPreconditioner(const grids::Grid& grid, int fields
     throw std::invalid_argument(fmt::format("FourierPreconditioner: {} fields, expected 1 to 16", fields));
   }
   std::iota(all_.begin(), all_.end(), 0);
-  inverses_.resize(taken_.modes() * static_cast<std::size_t>(fields) * fields);
+  parts_.resize(2 * static_cast<std::size_t>(fields) * fields);
 }
 
-Status FourierPreconditioner::factor(const Symbol& symbol, std::span<const double> sizes) {
-  std::atomic<std::size_t> deficient = 0;
+Status FourierPreconditioner::factor(const Symbol& symbol, std::span<const double> sizes,
+                                     std::span<const std::vector<Complex>> averages) {
+  std::atomic<std::size_t> deficient;
   std::atomic<bool> undefined = false;
   const int n = fields_;
   const Scales scales = sizes.empty() ? Scales() : scales_of(n, sizes);
   const std::size_t modes = taken_.modes();
-  grids::for_each_block(modes, 64, [&](std::size_t begin, std::size_t end) {
-    std::array<Complex, 256> matrix;
-    std::array<Complex, 256> inverse;
-    for (std::size_t mode = begin; mode < end; ++mode) {
-      std::fill_n(matrix.begin(), n * n, Complex{});
-      symbol(taken_.wave(mode), matrix.data());
-      if (!std::all_of(matrix.begin(), matrix.begin() + n * n, finite)) {
-        undefined = true;
-        return;
-      }
-      std::copy_n(matrix.begin(), n * n, inverse.begin());
-      if (!invert(n, inverse.data()) &&
-          !(scales.is_needed && invert_scaled(n, scales, matrix.data(), inverse.data()))) {
-        pseudo_invert(n, matrix.data(), inverse.data());
-        ++deficient;
-      }
-      for (int r = 0; r < n; ++r) {
-        for (int c = 0; c < n; ++c) {
-          inverses_[static_cast<std::size_t>(c * n + r) * modes + mode] = inverse[r * n + c];
+  std::array<std::atomic<bool>, 512> is_missing{};
+  const auto invert_all = [&] {
+    deficient = 0;
+    grids::for_each_block(modes, 64, [&](std::size_t begin, std::size_t end) {
+      std::array<Complex, 256> matrix;
+      std::array<Complex, 256> inverse;
+      for (std::size_t mode = begin; mode < end; ++mode) {
+        std::fill_n(matrix.begin(), n * n, Complex{});
+        symbol(taken_.wave(mode), matrix.data());
+        if (!std::all_of(matrix.begin(), matrix.begin() + n * n, finite)) {
+          undefined = true;
+          return;
+        }
+        std::copy_n(matrix.begin(), n * n, inverse.begin());
+        if (!invert(n, inverse.data()) &&
+            !(scales.is_needed && invert_scaled(n, scales, matrix.data(), inverse.data()))) {
+          pseudo_invert(n, matrix.data(), inverse.data());
+          ++deficient;
+        }
+        for (std::size_t part = 0; part < parts_.size(); ++part) {
+          const auto entry = static_cast<int>(part / 2);
+          const Complex value = inverse[entry % n * n + entry / n];
+          const double number = part % 2 == 0 ? value.real() : value.imag();
+          if (parts_[part].size() > 0) {
+            parts_[part][mode] = number;
+          } else if (number != 0.0) {
+            is_missing[part] = true;
+          }
         }
       }
+    });
+  };
+  // The first time shows which parts there are, and again what a pseudo-inverse brings along.
+  for (bool is_complete = false; !is_complete;) {
+    invert_all();
+    is_complete = true;
+    for (std::size_t part = 0; part < parts_.size(); ++part) {
+      if (is_missing[part].exchange(false)) {
+        parts_[part] = grids::Buffer(modes);
+        is_complete = false;
+      }
     }
-  });
+  }
+  find_averages(averages);
   deficient_ = deficient;
   if (const grids::Transposition* const shared = taken_.transposition()) {
     deficient_ = static_cast<std::size_t>(shared->slab().sum_over_ranks(static_cast<double>(deficient_)));
@@ -233,6 +295,29 @@ void FourierPreconditioner::operator()(const double* in, double* out) {
   respond(all_, in_, all_, out_);
 }
 
+void FourierPreconditioner::find_averages(std::span<const std::vector<Complex>> averages) {
+  const auto inverse = [&](std::size_t axis, std::ptrdiff_t k) {
+    if (axis >= averages.size()) {
+      return Complex(1.0);
+    }
+    const auto n = static_cast<std::ptrdiff_t>(averages[axis].size());
+    const Complex average = averages[axis][static_cast<std::size_t>(k < 0 ? k + n : k)];
+    return average == 0.0 ? Complex() : 1.0 / average;
+  };
+  along_row_.clear();
+  of_rows_.clear();
+  const std::size_t row = taken_.row_length();
+  for (std::size_t mode = 0; !averages.empty() && mode < taken_.modes(); mode += mode < row ? 1 : row) {
+    const auto k = taken_.wave(mode);
+    if (mode < row) {
+      along_row_.push_back(inverse(0, k[0]));
+    }
+    if (mode % row == 0) {
+      of_rows_.push_back(product(inverse(1, k[1]), inverse(2, k[2])));
+    }
+  }
+}
+
 void FourierPreconditioner::take(std::span<const double* const> rhs) {
   taken_.forward(rhs);
 }
@@ -240,58 +325,65 @@ void FourierPreconditioner::take(std::span<const double* const> rhs) {
 void FourierPreconditioner::solve(std::span<const int> rows, std::span<const double* const> values,
                                   std::span<const int> fields, std::span<double* const> out) {
   work_.forward(values);
-  multiply(true, -1.0, rows, fields);
+  multiply(true, -1.0, rows, fields, work_);
   work_.inverse(out);
+}
+
+void FourierPreconditioner::solve_all(std::span<const int> rows, std::span<const double* const> values,
+                                      std::span<double* const> out) {
+  work_.forward(values);
+  multiply(true, -1.0, rows, all_, taken_);
+  taken_.inverse(out);
 }
 
 void FourierPreconditioner::respond(std::span<const int> rows, std::span<const double* const> values,
                                     std::span<const int> fields, std::span<double* const> out) {
   work_.forward(values);
-  multiply(false, 1.0, rows, fields);
+  multiply(false, 1.0, rows, fields, work_);
   work_.inverse(out);
 }
 
-/// work = (matrix)⁻¹ (taken + factor · work), in the order of `rows` before and of `fields` after.
+/// to = (matrix)⁻¹ (taken + factor · work), in the order of `rows` before and of `fields` after.
 void FourierPreconditioner::multiply(bool with_taken, double factor, std::span<const int> rows,
-                                     std::span<const int> fields) {
-  const auto n = static_cast<std::size_t>(fields_);
+                                     std::span<const int> fields, grids::Fourier& to) {
   const std::size_t modes = taken_.modes();
   const std::size_t row_length = taken_.row_length();
   if (row_length == 0) {
     return;  // other ranks have all waves
   }
   const std::size_t pieces = (row_length + piece - 1) / piece;
+  const std::span<const int> read = with_taken ? std::span<const int>(all_) : rows;
   grids::for_each_block(
       modes / row_length * pieces, std::max<std::size_t>(1, 4 / pieces), [&](std::size_t first, std::size_t last) {
-        std::array<std::array<double, 2 * piece>, 16> in;  // real and imaginary parts in turn
-        std::array<double, 2 * piece> sum;
+        std::array<Piece, 16> in;
         for (std::size_t unit = first; unit < last; ++unit) {
           const std::size_t start = unit % pieces * piece;
           const std::size_t begin = unit / pieces * row_length + start;
           const std::size_t count = std::min(piece, row_length - start);
-          for (int r = 0; with_taken && r < fields_; ++r) {
-            std::copy_n(reinterpret_cast<const double*>(&taken_.at(r, begin)), 2 * count, in[r].begin());
-          }
-          for (std::size_t i = 0; i < rows.size(); ++i) {
-            const auto* values = reinterpret_cast<const double*>(&work_.at(static_cast<int>(i), begin));
-            double* to = in[rows[i]].data();
-            for (std::size_t j = 0; j < 2 * count; ++j) {
-              to[j] = (with_taken ? to[j] : 0.0) + factor * values[j];
+          for (const int r : read) {
+            in[r] = {};
+            if (with_taken) {
+              in[r].add(1.0, &taken_.at(r, begin), count);
             }
           }
+          for (std::size_t i = 0; i < rows.size(); ++i) {
+            in[rows[i]].add(factor, &work_.at(static_cast<int>(i), begin), count);
+          }
           for (std::size_t j = 0; j < fields.size(); ++j) {
-            sum.fill(0.0);
-            const auto add = [&](int row) {
-              const auto entry = static_cast<std::size_t>(row) * n + static_cast<std::size_t>(fields[j]);
-              const auto* m = reinterpret_cast<const double*>(&inverses_[entry * modes + begin]);
-              const double* a = in[row].data();
-              for (std::size_t k = 0; k < 2 * count; k += 2) {  // std::complex's product looks out for infinities
-                sum[k] += m[k] * a[k] - m[k + 1] * a[k + 1];
-                sum[k + 1] += m[k] * a[k + 1] + m[k + 1] * a[k];
+            Piece sum = {};
+            for (const int r : read) {
+              const grids::Buffer* const parts = &parts_[2 * static_cast<std::size_t>(r * fields_ + fields[j])];
+              if (parts[0].size() > 0) {
+                sum.add_real(parts[0].data() + begin, in[r], count);
               }
-            };
-            std::ranges::for_each(with_taken ? std::span<const int>(all_) : rows, add);
-            std::copy_n(sum.begin(), 2 * count, reinterpret_cast<double*>(&work_.at(static_cast<int>(j), begin)));
+              if (parts[1].size() > 0) {
+                sum.add_imaginary(parts[1].data() + begin, in[r], count);
+              }
+            }
+            if (!of_rows_.empty()) {
+              sum.multiply(of_rows_[unit / pieces], along_row_.data() + start, count);
+            }
+            sum.write(&to.at(static_cast<int>(j), begin), count);
           }
         }
       });

@@ -49,16 +49,13 @@ Gmres::Gmres(std::size_t size, int restart) : size_(size), restart_(restart) {
   }
   const auto m = static_cast<std::size_t>(restart);
   basis_ = grids::Buffer((m + 1) * size);
-  scratch_ = grids::Buffer(size);
-  image_ = grids::Buffer(size);
   hessenberg_.resize((m + 1) * m);
   cosines_.resize(m);
   sines_.resize(m);
   reduced_.resize(m + 1);
 }
 
-GmresOutcome Gmres::solve(OperatorRef a, OperatorRef precondition, std::span<const double> b, std::span<double> x,
-                          const GmresOptions& options) {
+GmresOutcome Gmres::solve(OperatorRef a, std::span<const double> b, std::span<double> x, const GmresOptions& options) {
   if (b.size() != size_ || x.size() != size_) {
     throw std::invalid_argument(
         fmt::format("Gmres: right-hand side of {} and solution of {} values, expected {}", b.size(), x.size(), size_));
@@ -107,8 +104,7 @@ GmresOutcome Gmres::solve(OperatorRef a, OperatorRef precondition, std::span<con
       ++outcome.iterations;
       double* h = hessenberg_.data() + static_cast<std::size_t>(j) * (restart_ + 1);
       const std::span<double> w = basis(j + 1);
-      precondition(basis(j).data(), scratch_.data());
-      a(scratch_.data(), w.data());
+      a(basis(j).data(), w.data());
       const double before = norm(w);
       for (int i = 0; i <= j; ++i) {
         h[i] = grids::dot(w, basis(i));
@@ -131,7 +127,7 @@ GmresOutcome Gmres::solve(OperatorRef a, OperatorRef precondition, std::span<con
         h[i] = upper;
       }
       const double length = std::hypot(h[j], h[j + 1]);
-      if (length <= 1e-15 * before) {  // A P maps the space into a smaller one
+      if (length <= 1e-15 * before) {  // A maps the space into a smaller one
         used = j;
         break;
       }
@@ -154,13 +150,9 @@ GmresOutcome Gmres::solve(OperatorRef a, OperatorRef precondition, std::span<con
       }
       reduced_[j] /= hessenberg_[static_cast<std::size_t>(j) * (restart_ + 1) + j];
     }
-    const std::span<double> y = scratch_.span();
-    grids::parallel_fill(y.data(), size_, 0.0);
     for (int j = 0; j < used; ++j) {
-      add(reduced_[j], basis(j), y);
+      add(reduced_[j], basis(j), x);
     }
-    precondition(y.data(), image_.data());
-    add(1.0, image_.span(), x);
   }
 }
 

@@ -39,25 +39,24 @@ struct GmresOptions {
 
 struct GmresOutcome {
   Status status = Status::success;
-  int iterations = 0;     ///< applications of A P, over all cycles
+  int iterations = 0;     ///< applications of A, over all cycles
   double residual = 0.0;  ///< of the returned x, computed from its definition
 };
 
-/// Solves A x = b without the matrix, by restarted GMRES preconditioned from the right, A P y = b, x = x_0 + P y: what
-/// is minimised is the true residual. Modified Gram–Schmidt, compensated scalar products: the same bits for every
-/// number of threads. All memory ((restart + 3) · size doubles) is taken at construction.
+/// Solves A x = b without the matrix, by restarted GMRES. With A P for A and x = P y it is preconditioned from the
+/// right, and what is minimised is the true residual. Modified Gram–Schmidt, compensated scalar products: the same bits
+/// for every number of threads. Memory: (restart + 1) · size doubles, of which an iteration that ends early leaves the
+/// last ones untouched.
 class Gmres {
 public:
   /// Throws std::invalid_argument unless size >= 1 and 1 <= restart <= 1000.
   explicit Gmres(std::size_t size, int restart = 30);
 
-  /// x holds the first guess, then the result. b and x have `size` values; A and P must not change their input.
+  /// x holds the first guess, then the result. b and x have `size` values; A must not change its input.
   ///
-  /// Status: not_converged after max_iterations or when stagnating above `acceptable`; singular if A P has no
-  /// solution within the space it generates; undefined if a value is not finite (x is then unchanged since the last
-  /// cycle).
-  GmresOutcome solve(OperatorRef a, OperatorRef precondition, std::span<const double> b, std::span<double> x,
-                     const GmresOptions& options = {});
+  /// Status: not_converged after max_iterations or when stagnating above `acceptable`; singular if A has no solution
+  /// within the space it generates; undefined if a value is not finite (x is then unchanged since the last cycle).
+  GmresOutcome solve(OperatorRef a, std::span<const double> b, std::span<double> x, const GmresOptions& options = {});
 
   [[nodiscard]] std::size_t size() const { return size_; }
 
@@ -67,8 +66,6 @@ private:
   std::size_t size_;
   int restart_;
   grids::Buffer basis_;
-  grids::Buffer scratch_;
-  grids::Buffer image_;
   // The Hessenberg matrix, triangular by rotations, column j at j (restart + 1), and the rotated right-hand side.
   std::vector<double> hessenberg_;
   std::vector<double> cosines_;
