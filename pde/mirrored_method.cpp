@@ -19,7 +19,6 @@
 #include <rubato/pde/node_derivative.hpp>
 #include <rubato/pde/placed_coordinates.hpp>
 #include <rubato/pde/wall_data.hpp>
-#include <rubato/pde/walled_box.hpp>
 
 namespace rubato {
 
@@ -565,7 +564,7 @@ std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMetho
         choice.name));
   }
   if (*collocation == Collocation::cells) {  // whose rows are closed at the walls, with no need of mirrors
-    return make_walled_box_method(choice);
+    return make_box_between_walls(choice);
   }
   return std::make_unique<MirroredMethod>(std::move(method), *collocation, choice);
 }

@@ -1,9 +1,16 @@
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <rubato/grids/fourier.hpp>
 #include <rubato/pde/gauss_step.hpp>
+#include <rubato/pde/kernel_conditions.hpp>
 #include <rubato/pde/lattice_actions.hpp>
 #include <rubato/pde/lattice_method.hpp>
+#include <rubato/pde/mirrored_method.hpp>
+#include <rubato/pde/mirrors.hpp>
+#include <rubato/pde/wall_conditions.hpp>
+#include <rubato/pde/wall_data.hpp>
 #include <rubato/solve/cyclic_parts.hpp>
 
 namespace rubato {
@@ -11,16 +18,17 @@ namespace rubato {
 namespace {
 
 /// Gauss collocation in space and time (Reich 2000). With one stage each it is the box scheme, local and with a node
-/// law.
+/// law, and closes its rows at walls of a line (WallConditions) with any number of cells.
 class BoxMethod final : public LatticeMethod {
 public:
-  BoxMethod(int stages, int space_stages) : stages_(stages), space_{.stages = space_stages} {}
+  explicit BoxMethod(const LatticeMethodChoice& choice, bool has_walls = false)
+      : stages_(choice.stages), space_{.stages = choice.space_stages}, has_walls_(has_walls), drives_(choice.drives) {}
 
   [[nodiscard]] int order() const override { return 2 * stages_; }
-  [[nodiscard]] bool has_variational_laws() const override { return is_box(); }
+  [[nodiscard]] bool has_variational_laws() const override { return is_box() && !has_walls_; }
   [[nodiscard]] std::optional<OtherCount> other_count(std::size_t cells, int dimensions) const override {
     const std::string_view objection = space_rule_objection(space_, cells);
-    if (objection.empty()) {
+    if (objection.empty() || has_walls_) {
       return std::nullopt;
     }
     constexpr std::size_t largest_plane = 1'000'000;
@@ -38,7 +46,9 @@ public:
   }
   [[nodiscard]] bool laws_in_cells() const override { return true; }
   [[nodiscard]] std::string_view not_shared_in(int dimensions) const override {
-    return dimensions > 1 || is_box() ? "" : "with stages its transforms along a line take the whole of it";
+    return has_walls_                   ? "between walls one process solves all cells"
+           : dimensions > 1 || is_box() ? ""
+                                        : "with stages its transforms along a line take the whole of it";
   }
   /// Laws of a node read the cell before it; cells the node after.
   [[nodiscard]] grids::Ghosts ghosts(const MultisymplecticSystem& /*system*/) const override { return {1, 1}; }
@@ -57,13 +67,20 @@ public:
   [[nodiscard]] std::optional<LatticeAction> action(const MultisymplecticSystem& system) const override {
     return is_box() ? std::optional(box_action(system)) : std::nullopt;
   }
-  /// Of cells, which close their rows at walls themselves.
+  /// Of cells: see make_box_between_walls().
   [[nodiscard]] std::optional<Collocation> in_mirror() const override {
     return is_box() ? std::optional(Collocation::cells) : std::nullopt;
   }
   [[nodiscard]] InitialLevel first_level(const MultisymplecticSystem& system, const grids::Grid& grid,
                                          const InitialFields& given) const override {
-    return prepare_initial_level(system, grid, given, collocation());
+    if (!has_walls_) {
+      return prepare_initial_level(system, grid, given, collocation());
+    }
+    static_cast<void>(WallConditions(system, grid, drives_));  // which refuses what it cannot close
+    InitialFields met = given;
+    // Of the mirrors, the signs alone.
+    std::vector<std::string> cautions = meet_walls(system, {system, grid, Collocation::nodes, 1}, met, drives_);
+    return {prepare_initial_level(system, grid, met, collocation()).level, std::move(cautions)};
   }
   [[nodiscard]] std::unique_ptr<ConstrainedFields> constrained_fields(const MultisymplecticSystem& system,
                                                                       const grids::Grid& grid) const override {
@@ -71,7 +88,11 @@ public:
   }
   [[nodiscard]] std::unique_ptr<LatticeScheme> scheme(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                       LatticeLevel first, double first_step) const override {
-    return is_box() ? make_box_scheme(system, grid, std::move(first), first_step)
+    if (has_walls_ && step_conditions(system, first_step).count() > 0) {
+      throw SchemeRefusal(
+          "box between walls cannot hold the potential of this equation: leave left and right out of [grid]");
+    }
+    return is_box() ? make_box_scheme(system, grid, std::move(first), first_step, drives_)
                     : make_gauss_lattice(system, grid, stages_, std::move(first), space_);
   }
   [[nodiscard]] std::unique_ptr<LawEvaluator> laws(LawTables tables) const override {
@@ -83,12 +104,14 @@ public:
   }
   [[nodiscard]] std::unique_ptr<StepEquation> equation(const MultisymplecticSystem& system, const grids::Grid& grid,
                                                        const LatticeLevel& first, double first_step) const override {
-    return is_box() ? make_midpoint_equation(system, grid, Collocation::cells, first, first_step)
+    return is_box() ? make_midpoint_equation(system, grid, Collocation::cells, first, first_step, drives_)
                     : make_gauss_equation(system, grid, stages_, first, space_);
   }
   [[nodiscard]] std::unique_ptr<TangentStep> tangents(const MultisymplecticSystem& system,
                                                       const grids::Grid& grid) const override {
-    return is_box() ? make_box_tangents(system, grid) : make_gauss_tangents(system, grid, stages_, space_);
+    return has_walls_ ? nullptr
+           : is_box() ? make_box_tangents(system, grid)
+                      : make_gauss_tangents(system, grid, stages_, space_);
   }
 
 private:
@@ -97,9 +120,15 @@ private:
 
   int stages_;
   SpaceRule space_;
+  bool has_walls_;
+  std::shared_ptr<const WallDrives> drives_;
 };
 
 }  // namespace
+
+std::unique_ptr<LatticeMethod> make_box_between_walls(const LatticeMethodChoice& choice) {
+  return std::make_unique<BoxMethod>(choice, true);
+}
 
 LatticeMethodEntry box_method() {
   return {.name = "box",
@@ -107,7 +136,7 @@ LatticeMethodEntry box_method() {
           .has_stages = true,
           .has_space_stages = true,
           .make = [](const LatticeMethodChoice& choice) -> std::unique_ptr<LatticeMethod> {
-            return std::make_unique<BoxMethod>(choice.stages, choice.space_stages);
+            return std::make_unique<BoxMethod>(choice);
           }};
 }
 
