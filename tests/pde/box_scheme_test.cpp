@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <cmath>
+
 #include <catch2/catch.hpp>
 
 #include <rubato/pde/lattice.hpp>
@@ -172,4 +175,34 @@ TEST_CASE("the discrete energy of a step is that of its middle, though no sweep 
   const auto of = [&](const grids::FieldSet& fields) { return sweep(fields.pointers(), {}, {}, 0.0, {}, {}).energy; };
   CHECK(std::abs(of(middle) - energy) < 1e-14 * energy);  // the last correction's cube, and rounding
   CHECK(std::abs(of(first.fields) - energy) > 1e-6 * energy);
+}
+
+TEST_CASE("a step is forecast by the four before it, or by three and a trial of another length") {
+  // Rates are polynomials of the third degree in time, which four values determine; of the fourth in the twin.
+  const double quartic = GENERATE(0.0, 1.0);
+  const auto rate = [&](double t) { return 1.0 + t * (1.0 + t * (-2.0 + t * (1.0 + quartic * t))); };
+  LevelHistory history({false, true}, 3);  // one field that evolves, one at midpoints
+  double t = 0.0;
+  const auto put = [&](double h) {
+    std::ranges::fill(history.increment().field(0), h * rate(t + 0.5 * h));
+    std::ranges::fill(history.increment().field(1), 2.0 * rate(t + 0.5 * h));
+  };
+  const auto error = [&](double h) {
+    const double of_evolving = std::abs(history.increment().field(0)[1] / h - rate(t + 0.5 * h));
+    return std::max(of_evolving, std::abs(history.increment().field(1)[1] / 2.0 - rate(t + 0.5 * h)));
+  };
+  for (const double h : {0.2, 0.3, 0.2, 0.25, 0.3}) {
+    put(h);
+    history.record(0.5 * h, h);
+    history.advance(h);
+    t += h;
+  }
+  history.predict(0.2);
+  CHECK((error(0.2) < 1e-12) == (quartic == 0.0));
+  put(0.2);
+  history.shift(0.2, 0.35);
+  CHECK((error(0.35) < 1e-12) == (quartic == 0.0));
+  // Twin: without the trial there are three left.
+  history.predict(0.35);
+  CHECK(error(0.35) > 1e-3);
 }

@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <functional>
@@ -94,6 +95,7 @@ struct Budget {
   int stages = 1, dimensions = 3;
   std::size_t few = 64, many = 96;  ///< cells of an axis
   double arrays;                    ///< values of a node that it keeps at the peak, those of the initial data included
+  double most = 1e3;                ///< bytes that are asked for
 };
 
 LatticeOptions options_of(const Budget& budget) {
@@ -109,7 +111,7 @@ LatticeOptions options_of(const Budget& budget) {
 
 /// A tenth for pages, and four values for what is made of no whole array.
 double allowed(const Budget& budget) {
-  return 1.1 * sizeof(double) * budget.arrays + 32.0;
+  return std::min(budget.most, 1.1 * sizeof(double) * budget.arrays + 32.0);
 }
 
 }  // namespace
@@ -129,13 +131,13 @@ TEST_CASE("a node takes no more memory than the arrays that a scheme names") {
       // Data 2, level 5 and, of u and v, what it lacks 2; derivatives for the energy of a level 3. Of the Gauss step:
       // waves of u and v at level and stage 4, rows that are transformed 2, u there, at the stage and after, and rests
       // 6, their waves 3, their map 1, resolvent 3, forecast 9, transforms and wave numbers 4.
-      {.scheme = "fourier", .arrays = 44},
+      {.scheme = "fourier", .arrays = 44, .most = 400},
       // Stages, their rests and waves twice, their map four times, what is left of their equation 6, the level 2.
       {.scheme = "fourier", .stages = 2, .arrays = 64},
       // Data 2, level 4 and what it lacks 4, the point of a sweep and then its correction 4, residuals 4, S'' 1, the
       // step and three before it 16; of the solver right sides and one more row in Fourier space 4, of the inverse
       // there what is not 0 on all waves 4.5, the first solution and the product of what varies 2.
-      {.scheme = "box", .dimensions = 2, .few = 255, .many = 511, .arrays = 45.5},
+      {.scheme = "box", .dimensions = 2, .few = 255, .many = 511, .arrays = 45.5, .most = 400},
   }));
   INFO(budget.scheme << ", " << budget.space << ", " << budget.stages << " stages");
   LatticeOptions options = options_of(budget);
