@@ -179,7 +179,8 @@ OrbitIntegrator::OrbitIntegrator(const Lagrangian& lagrangian, const InitialMoti
 
 /// The levels of the scheme that is there.
 void OrbitIntegrator::begin_levels(double t, double energy_constant, double node_constant, bool at_equilibrium) {
-  const LevelOptions levels = level_options(options_, method_of(options_.lagrangian).takes_potential, energy_constant);
+  LevelOptions levels = level_options(options_, method_of(options_.lagrangian).takes_potential, energy_constant);
+  levels.run_length = std::abs(options_.until - t);
   if (at_equilibrium && levels.levels == Levels::variable && levels.potential.kind == StepPotentialChoice::Kind::none) {
     throw EquilibriumError(
         "the initial state is an equilibrium: the gradient of H vanishes there, so every step conserves the energy "

@@ -81,7 +81,8 @@ LatticeIntegrator::LatticeIntegrator(const MultisymplecticSystem& system, const 
   laws_.share(scheme_->stages());
   const double constant = system.constant() * grid.volume();
   LevelOptions levels = level_options(options, true, constant);
-  levels.run_length = std::abs(options.begun_until.value_or(options.until) - options.start);
+  levels.run_length = std::abs(options.until - options.start);
+  levels.spares_look_ahead = true;
   begin(*scheme_, options, levels, options.start, constant);
 }
 

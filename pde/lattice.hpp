@@ -27,7 +27,6 @@ struct LatticeOptions {
   double step = 0.0;                   ///< t_1 - t_0; negative integrates backward; has to be given
   double until =
       0.0;  ///< the run ends at the first level at or past it; no step is shortened to hit it; has to be given
-  std::optional<double> begun_until = std::nullopt;  ///< of a run that was begun with another `until` (is_short_run)
   Levels levels = Levels::variable;
   std::optional<OnSingular> on_singular = std::nullopt;  ///< this, and the next, as IntegrationOptions has them
   StepPotentialChoice potential = {.kind = StepPotentialChoice::Kind::usual};

@@ -456,7 +456,6 @@ bool reads_previous(const Problem& problem) {
 template <typename Make>
 auto with_initial_fields(const Problem& problem, const MultisymplecticSystem& system, const Make& make) {
   LatticeOptions options = make_lattice_options(problem, system);
-  options.begun_until = problem.scheme.begun_until;
   options.keeps_previous = reads_previous(problem);
   options.slab = grids::Slab::present();
   const grids::Grid grid = make_grid(problem);

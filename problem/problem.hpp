@@ -296,9 +296,6 @@ struct Scheme {
   std::optional<double> step;
   std::optional<double> energy_tolerance;
   double until = 0.0;
-  /// Of a run that is taken again and was continued: the `until` that it was begun with, if a step potential was chosen
-  /// by that. No entry of problem files.
-  std::optional<double> begun_until;
   std::optional<int> order;            ///< generating; of splitting only where it chose the composition
   std::optional<int> stages;           ///< gauss, lobatto, and methods for lattices that have stages
   std::string composition = "golden";  ///< splitting: the name of one of compositions()

@@ -290,28 +290,23 @@ void take(ObservedRun& observed, std::size_t most) {
   }
 }
 
-/// The problem with which the run began: if its step potential is not the one that is chosen for a run to `until`, but
-/// that of one that is too short for a look-ahead, it was continued (is_short_run).
+/// The problem with which the run began: if its step potential is not the one that is chosen for a run to `until`, that
+/// is the one of a run that was continued.
 Problem as_begun(const record::Reader& reader, const Problem& problem) {
   const std::string path(figures::step_potential_path);
-  if (problem.multisymplectic() == nullptr || !reader.has(path)) {
+  if (!reader.has(path)) {
     return problem;
   }
   const std::vector<double> stored = reader.read(path);
-  const auto is_chosen = [&](const Problem& tried) {
-    ObservedRun observed(tried, false);
-    take(observed, 1);  // the first chooses
-    const StepPotential& potential = observed.simulation().step_potential();
-    return stored == std::vector{potential.strength, potential.length, potential.exponent};
-  };
-  if (!is_chosen(problem)) {
-    Problem begun = problem;
-    begun.scheme.begun_until = problem.start();
-    if (is_chosen(begun)) {
-      return begun;
-    }
+  ObservedRun observed(problem, false);
+  take(observed, 1);  // the first chooses
+  const StepPotential& chosen = observed.simulation().step_potential();
+  Problem begun = problem;
+  if (stored.size() == 3 && stored != std::vector{chosen.strength, chosen.length, chosen.exponent}) {
+    begun.scheme.potential = {.kind = StepPotentialChoice::Kind::stated,
+                              .potential = {.strength = stored[0], .length = stored[1], .exponent = stored[2]}};
   }
-  return problem;
+  return begun;
 }
 
 }  // namespace

@@ -23,11 +23,12 @@ using namespace tuning;
 class Watch {
 public:
   /// \param one_step the first is enough, if K depends on h there
-  Watch(LookAhead& log, std::size_t most, bool one_step, double run_length)
+  Watch(LookAhead& log, std::size_t most, bool one_step, double run_length, double farthest)
       : log_(log),
         most_(most),
         one_step_(one_step),
         to_end_(std::isfinite(run_length) ? run_length : longest_stretch_untold * log.step),
+        farthest_(farthest),
         look_at_(least_stretch * log.step),
         early_look_(log.order >= order_with_zeros ? first_look : least_stretch) {}
 
@@ -43,7 +44,7 @@ public:
   }
 
   [[nodiscard]] bool seen_enough() {
-    if (log_.eta.size() >= most_) {
+    if (log_.eta.size() >= most_ || steps_to_farthest() < 1.0) {
       return true;
     }
     const auto seen = static_cast<double>(log_.eta.size());
@@ -62,13 +63,17 @@ public:
   [[nodiscard]] bool depends_on_step() const { return depends_; }
   /// In first steps.
   [[nodiscard]] double longest_stride() const {
-    return looks_early() ? std::min(early_look_ / strides_in_look, longest_early_) : tuning::longest_stride;
+    const double longest =
+        looks_early() ? std::min(early_look_ / strides_in_look, longest_early_) : tuning::longest_stride;
+    return std::min(longest, std::exp2(std::floor(std::log2(std::max(steps_to_farthest(), 1.0)))));
   }
 
   /// Whether it has not yet seen what it sees at least, and may need no more.
   [[nodiscard]] bool looks_early() const { return early_look_ < least_stretch; }
 
 private:
+  /// First steps; a little more, as the rounding error of a sum of steps decides nothing.
+  [[nodiscard]] double steps_to_farthest() const { return (farthest_ - log_.duration) / log_.step + 1e-9; }
   [[nodiscard]] bool seen_what_repeats() {
     if (one_step_ && depends_) {
       return true;
@@ -101,6 +106,7 @@ private:
   bool one_step_;
   bool depends_ = false;  ///< K on h, in what was seen
   double to_end_;         ///< how far it looks where K does not
+  double farthest_;
   double look_at_;
   double early_look_;  ///< in first steps
   double longest_early_ = tuning::longest_stride;
@@ -152,13 +158,14 @@ private:
 
 }  // namespace
 
-LookAhead look_ahead(LevelScheme& scheme, double first_step, bool one_step, double tolerance, double run_length) {
+LookAhead look_ahead(LevelScheme& scheme, double first_step, bool one_step, double tolerance, double run_length,
+                     double farthest) {
   StateWriter before(StateWriter::For::going_back);
   scheme.save(before);
   LookAhead log{.order = scheme.order(), .step = std::abs(first_step), .tolerance = tolerance};
   const std::size_t size = before.size();
   Watch watch(log, std::clamp(most_steps * small_state / std::max<std::size_t>(size, 1), most_large_steps, most_steps),
-              one_step, run_length);
+              one_step, run_length, farthest);
   StrideCosts costs;
   double begun_with = 0.0;  // the terms of the first step that has any
   double stride = 1.0, longest = longest_stride;

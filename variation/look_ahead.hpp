@@ -19,9 +19,10 @@ namespace rubato {
 /// nothing of steps, and longer ones cost as much or cannot be taken. How long the run is to be is nothing to it, since
 /// a run may be continued, but where K does not depend on h: then it looks to the end. \param one_step the first step
 /// is all that is wanted, if K depends on h there \param tolerance that levels will be solved to \param run_length
-/// |until - start|; infinite if that is not known
+/// |until - start|; infinite if that is not known \param farthest how far it looks at most
 /// \throws Interrupted (base/interrupt.hpp), with the scheme where it stood
 [[nodiscard]] LookAhead look_ahead(LevelScheme& scheme, double first_step, bool one_step, double tolerance,
-                                   double run_length = std::numeric_limits<double>::infinity());
+                                   double run_length = std::numeric_limits<double>::infinity(),
+                                   double farthest = std::numeric_limits<double>::infinity());
 
 }  // namespace rubato

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <rubato/base/limits.hpp>
 #include <rubato/variation/equal_steps.hpp>
@@ -15,6 +16,9 @@ namespace rubato {
 namespace {
 
 using namespace tuning;
+
+/// Beyond this part of the terms of K a user is warned, and what lies beyond the end of the run does not count.
+constexpr double strong_part = 0.1;
 
 /// The x next to 0 with miss + rate x + curvature x² = 0; Newton's where that is far from it.
 double move_to_root(double miss, double rate, double curvature) {
@@ -34,26 +38,43 @@ void TimeLevels::choose_potential() {
     return;
   }
   const bool given = choice.kind == StepPotentialChoice::Kind::given;
-  const bool short_run = !given && is_short_run(scheme_.order(), fixed_h_, options_.run_length);
+  const bool short_run =
+      !given && options_.spares_look_ahead && is_short_run(scheme_.order(), fixed_h_, options_.run_length);
   const double to_end =
       std::isfinite(options_.run_length) ? options_.run_length : longest_stretch_untold * std::abs(fixed_h_);
-  const LookAhead look = look_ahead(scheme_, fixed_h_, given || short_run, options_.tolerance, to_end);
-  if (look.eta.empty()) {
-    return;  // the first step will show why
+  // What lies beyond the end of the run, which may be continued, counts unless it takes a potential too strong for what
+  // lies before, as where the motion blows up there.
+  const auto is_strong = [&](const CostedPotential& made, const LookAhead& look) {
+    return std::abs(made.potential.energy(fixed_h_)) > strong_part * look.first_size;
+  };
+  std::optional<CostedPotential> chosen;
+  for (const double farthest : {infinity, to_end}) {
+    const LookAhead look = look_ahead(scheme_, fixed_h_, given || short_run, options_.tolerance, to_end, farthest);
+    if (look.eta.empty()) {
+      return;  // the first step will show why
+    }
+    // A little less: the rounding error of a sum of steps decides nothing.
+    if (!look.depends_on_step() && look.duration >= (1.0 - 1e-9) * to_end) {
+      return;  // every length will do
+    }
+    if (given) {
+      set_potential(make_step_potential(look, choice.kappa, choice.exponent));
+      return;
+    }
+    if (short_run && look.eta.size() == 1) {
+      set_potential(nearly_equal_steps(look).value());
+      return;
+    }
+    const CostedPotential found = choose_costed_potential(look, choice.largest_step);
+    if (!chosen || !is_strong(found, look)) {
+      chosen = found;
+    }
+    if (look.duration <= to_end || !is_strong(*chosen, look)) {
+      break;
+    }
   }
-  // A little less: the rounding error of a sum of steps decides nothing.
-  if (!look.depends_on_step() && look.duration >= (1.0 - 1e-9) * to_end) {
-    return;  // every length will do
-  }
-  if (given) {
-    set_potential(make_step_potential(look, choice.kappa, choice.exponent));
-  } else if (short_run && look.eta.size() == 1) {
-    set_potential(nearly_equal_steps(look).value());
-  } else {
-    const CostedPotential chosen = choose_costed_potential(look, choice.largest_step);
-    set_potential(chosen.potential);
-    potential_cost_ = chosen.cost_in_steps;
-  }
+  set_potential(chosen->potential);
+  potential_cost_ = chosen->cost_in_steps;
 }
 
 /// A step of the first length, where K does not depend on it; flagged if it is off E after all.

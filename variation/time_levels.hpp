@@ -32,9 +32,8 @@ struct LevelOptions {
   double condition_limit = 1e-2;  ///< a step whose condition exceeds it is refused: its energy law is only rounding
   double energy_constant = 0.0;   ///< to be added to the scheme's energies in what is reported on them
   StepPotentialChoice potential = {};
-  /// |until - start|, as far as it is known: whether a look-ahead is worth while
-  /// (is_short_run, nearly_equal_steps); infinite if it is not.
-  double run_length = std::numeric_limits<double>::infinity();
+  double run_length = std::numeric_limits<double>::infinity();  ///< |until - start|; infinite if it is not known
+  bool spares_look_ahead = false;  ///< in a short run (is_short_run), where one step serves (nearly_equal_steps)
 };
 
 /// What one call of TimeLevels::step() did.

@@ -4,11 +4,14 @@
 
 #include <cmath>
 
+#include <fmt/format.h>
+
 #include <rubato/problem/effective.hpp>
 #include <rubato/record/error.hpp>
 #include <rubato/run/check.hpp>
 #include <rubato/run/run.hpp>
 
+#include "run/problem_texts.hpp"
 #include "run/records.hpp"
 
 using namespace rubato;
@@ -110,6 +113,47 @@ TEST_CASE("a run that was too short for a look-ahead is replayed as it was begun
   CHECK_FALSE(different_datasets(file, straight) == Names{});
   falsify(file, "/levels/iterations", 15, 1);
   CHECK(check(file, {.replay = true}).status == ExitStatus::contradiction);
+}
+
+TEST_CASE("an orbit that escapes after the end of the run takes no potential that is chosen for that") {
+  const Folder folder;
+  const std::string file = folder / "a.h5";
+  // Driven over the saddles of H, it is at infinity soon after t = 33.
+  const std::string problem = R"toml(
+[hamiltonian]
+q = ["x", "y"]
+p = ["u", "v"]
+H = "(u^2+v^2)/2 + (x^2+y^2)/2 + x^2*y - y^3/3 + 0.1*x*cos(t)"
+[initial]
+x = 0.1
+y = 0.2
+u = 0.3
+v = -0.1
+[scheme]
+lagrangian = "gauss"
+stages = 4
+step = 0.2
+until = 20
+)toml";
+  const auto strongest = [&](const Outcome& outcome) {
+    return outcome.statistics.potential.largest() / outcome.statistics.node_energy.values.largest();
+  };
+  for (const double step : {0.2, 0.025}) {  // and where K does not depend on the step up to the end
+    const Outcome calm = run(parse_problem(with(problem, "0.2\nuntil", fmt::format("{}\nuntil", step)), "a.toml"),
+                             {.output = file, .overwrite = true});
+    REQUIRE(calm.status == ExitStatus::done);
+    CHECK(calm.judgement.verdict == figures::Verdict::good);
+    CHECK(calm.warnings.empty());
+    CHECK(strongest(calm) < 1e-3);
+    CHECK(check(file, {.replay = true}).status == ExitStatus::done);
+  }
+  // It goes on with that, and is replayed although a run with this end would have begun with another.
+  CHECK(resume(file, 30.0).status == ExitStatus::done);
+  CHECK(check(file, {.replay = true}).status == ExitStatus::done);
+  // The twin: a run that has the escape in it.
+  const Outcome wild =
+      run(parse_problem(with(problem, "until = 20", "until = 33"), "a.toml"), {.output = file, .overwrite = true});
+  CHECK(strongest(wild) > 0.1);
 }
 
 TEST_CASE("step potentials that cannot be are refused with the place") {

@@ -172,6 +172,12 @@ TEST_CASE("At order 4 a look-ahead looks no longer than it takes to see what rep
   exact.s = 4;
   CHECK(look_ahead(exact, h, false, 1e-13, 1e5 * h).duration >= 1e5 * h);
   CHECK(exact.all_iterations < 400);
+  // No farther than it is told to, strides included.
+  KnownEta none([](double) { return 0.0; });
+  none.s = 4;
+  const double seen = look_ahead(none, h, false, 1e-13, 1e5 * h, 777.0 * h).duration;
+  CHECK(seen <= 777.0 * h * (1.0 + 1e-9));
+  CHECK(seen > 776.0 * h);
   // The twin: at order 2, where steps may follow, all of it is looked at.
   KnownEta second([](double t) { return std::cos(t / h); });
   CHECK(look_ahead(second, h, false, 1e-13).duration >= 400.0 * h * (1.0 - 1e-9));
