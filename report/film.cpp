@@ -96,6 +96,20 @@ Film::Plan Film::plan(const record::DatasetInfo& field, const Contents& contents
   return plan;
 }
 
+Film::Plan Film::Plan::of(const record::DatasetInfo& info) const {
+  Plan plan = *this;
+  plan.height = info.shape[info.shape.size() - 2];
+  plan.width = info.shape.back();
+  plan.slices = info.row_size() / (plan.height * plan.width);
+  for (Partition* const part : {&plan.rows, &plan.first_rows}) {
+    *part = part->of(plan.height);
+  }
+  for (Partition* const part : {&plan.columns, &plan.first_columns}) {
+    *part = part->of(plan.width);
+  }
+  return plan;
+}
+
 void Film::write_times(Json& json, std::string_view key, const record::Reader& reader, const Plan& plan) {
   json.key(key).begin_object().key("first");
   write_f64(json, pick(reader.read(plan.times), plan.frames));

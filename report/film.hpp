@@ -19,6 +19,9 @@ public:
     std::size_t levels;
     std::size_t extremes_points;
     std::string times;  ///< path of the times of all levels
+
+    /// Of a dataset with other places, as cells between walls are, at the same levels.
+    [[nodiscard]] Plan of(const record::DatasetInfo& info) const;
   };
   [[nodiscard]] static Demand demand(const record::DatasetInfo& field, const Contents& contents);
   /// As finely as `bytes` of the page allow for all films together. The first field is drawn at every node if that

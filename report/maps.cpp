@@ -185,7 +185,11 @@ public:
 
   void residual(const std::string& name) {
     const std::string path = "/laws/fields/" + name;
-    const record::DatasetInfo info = shape_of(path);
+    const record::DatasetInfo info = reader_.info(path);
+    const bool moves = reader_.has("/frame/shift");
+    if (info.shape.size() != shape_.size() || info.row_size() == 0 || (moves && info.shape != shape_)) {
+      throw record::Error(reader_.file(), path + " has not the shape of the fields");
+    }
     Drawing drawing{.name = name,
                     .group = "residual",
                     .logarithmic = true,
@@ -194,7 +198,7 @@ public:
     if (const auto level = notes_.rounding.find(path); level != notes_.rounding.end()) {
       drawing.rounding = level->second;
     }
-    Map map(drawing, plan_);
+    Map map(drawing, plan_.of(info));
     std::vector<double> magnitude(info.row_size());
     for_each_row(reader_, plan_.times, {path}, [&](std::size_t level, const auto& values) {
       std::ranges::transform(values[0], magnitude.begin(), [](double value) { return std::abs(value); });

@@ -13,6 +13,9 @@ public:
   struct Plan {
     Partition levels, cells;
     std::string times;  ///< path of the times of all levels
+
+    /// Of a dataset with other places, as cells between walls are, at the same levels.
+    [[nodiscard]] Plan of(const record::DatasetInfo& info) const { return {levels, cells.of(info.shape[1]), times}; }
   };
   [[nodiscard]] static Demand demand(const record::DatasetInfo& field, const Contents& contents);
   /// As finely as `bytes` of the page allow for all maps together: in full if possible, else thinned along time only,

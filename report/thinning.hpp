@@ -56,6 +56,8 @@ public:
   [[nodiscard]] std::size_t end(std::size_t part) const { return begin(part + 1); }
   [[nodiscard]] std::size_t part_of(std::size_t place) const { return place * parts_ / places_; }
   [[nodiscard]] bool is_whole() const { return parts_ == places_; }
+  /// As finely of other places: in as many runs, or whole as this one is.
+  [[nodiscard]] Partition of(std::size_t places) const { return {places, is_whole() ? places : parts_}; }
 
 private:
   std::size_t places_, parts_;

@@ -302,6 +302,22 @@ TEST_CASE("a record that has only just begun has a page with its first level") {
   CHECK(sample::numbers_after(lattice, {R"("group":"residual")", R"("values":)"}) == std::vector(11, 65535.0));
 }
 
+TEST_CASE("residuals of the cells between walls, of which there is one less than nodes, are drawn in full") {
+  const sample::Folder folder;
+  const auto counts_of = [&](const sample::LatticeRecord& lattice) {
+    sample::write_lattice(folder / "walls.h5", lattice);
+    const std::string data = sample::data_of(page_of(folder / "walls.h5"));
+    const auto values_of = [&](const char* group) {
+      return sample::numbers_after(data, {R"("maps":)", group, R"("values":)"}).size();
+    };
+    return std::pair(values_of(R"("group":"field")"), values_of(R"("group":"residual")"));
+  };
+  CHECK(counts_of({.levels = 5, .nx = 11, .walls = true}) == std::pair<std::size_t, std::size_t>(55, 50));
+  CHECK(counts_of({.levels = 5, .nx = 6, .ny = 4, .walls = true}) == std::pair<std::size_t, std::size_t>(120, 75));
+  // The twin: periods.
+  CHECK(counts_of({.levels = 5, .nx = 11}) == std::pair<std::size_t, std::size_t>(55, 55));
+}
+
 TEST_CASE("an error is the difference of double numbers") {
   const sample::Folder folder;
   sample::write_orbit(folder / "orbit.h5", {.steps = 100});

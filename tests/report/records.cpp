@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include <fmt/format.h>
@@ -128,6 +129,7 @@ void write_orbit(const std::filesystem::path& file, const OrbitRecord& orbit) {
 void write_lattice(const std::filesystem::path& file, const LatticeRecord& lattice) {
   record::Layout layout = common_layout(lattice.title, R"(title = ")" + lattice.title + "\"\n");
   std::vector<std::string> nodes, cells;
+  std::size_t count = 1;  // of cells
   for (const auto& [name, size] : {std::pair("z", lattice.nz), {"y", lattice.ny}, {"x", lattice.nx}}) {
     if (size == 1) {
       continue;
@@ -139,7 +141,9 @@ void write_lattice(const std::filesystem::path& file, const LatticeRecord& latti
     }
     const std::string path = std::string("/grid/") + name;
     layout.scales.push_back({path, at});
+    middle.resize(size - (lattice.walls ? 1 : 0));
     layout.scales.push_back({path + "_cell", middle});
+    count *= middle.size();
     nodes.push_back(path);
     cells.push_back(path + "_cell");
   }
@@ -175,7 +179,7 @@ void write_lattice(const std::filesystem::path& file, const LatticeRecord& latti
       writer.append(next++, exact);
     }
     writer.append(next++, exact);
-    writer.append(next++, residual);
+    writer.append(next++, std::span(residual).first(count));
     writer.end_level();
   }
   writer.finish({}, record::Writer::Completion::complete);

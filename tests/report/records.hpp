@@ -33,6 +33,7 @@ struct LatticeRecord {
   std::string other_field = "";                 ///< a field more, without an exact solution
   std::size_t undefined_every = 0;              ///< levels at which one residual and the momentum have no value
   double residual = 1e-6;                       ///< size of the local residual
+  bool walls = false;                           ///< a cell less than nodes in each direction, where the residual is
 };
 void write_lattice(const std::filesystem::path& file, const LatticeRecord& lattice);
 
