@@ -471,8 +471,8 @@ public:
     const std::size_t ghosts = method_->wall_ghosts(system);
     if (drives_ != nullptr && ghosts == 0) {
       throw SchemeRefusal(
-          fmt::format("{} has no walls that drive fields: leapfrog and explicit actions have; take "
-                      "lagrangian = \"leapfrog\", or walls that are \"fixed\" or \"free\"",
+          fmt::format("{} has no walls that drive fields: leapfrog, explicit actions and, on a line, box have; take "
+                      "lagrangian = \"leapfrog\" or \"box\", or walls that are \"fixed\" or \"free\"",
                       name_));
     }
     const Mirrors mirrors(system, grid, Collocation::nodes, ghosts);  // what is given is given at nodes
@@ -558,10 +558,10 @@ std::unique_ptr<LatticeMethod> make_mirrored_method(std::unique_ptr<LatticeMetho
   const std::optional<Collocation> collocation = method->in_mirror();
   if (!collocation) {
     throw SchemeRefusal(fmt::format(
-        "{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog, "
+        "{}{} has no walls: they are for schemes that are the same in a mirror, which fourier, splitting, leapfrog, "
         "euler-box, box with stages = 1 and actions that name no field without an equation of motion are. Take one of "
         "these, or leave left and right out",
-        choice.name));
+        choice.name, choice.stages > 1 ? fmt::format(" with stages = {}", choice.stages) : ""));
   }
   if (*collocation == Collocation::cells) {  // whose rows are closed at the walls, with no need of mirrors
     return make_box_between_walls(choice);

@@ -242,7 +242,7 @@ std::vector<KeyEntry> make_keys() {
       {"grid.x", "left", "\"fixed\", \"free\" or a table", "the period begins",
        "The wall at from. A fixed one holds fields at their initial values there; at a free one they vary, and their "
        "slope is 0. left = { u = \"sin(t)\" } gives a field its values, by a formula of t and the coordinates: "
-       "leapfrog and explicit actions, fixed levels."},
+       "box, leapfrog and explicit actions, fixed levels."},
       {"grid.x", "right", "\"fixed\", \"free\" or a table", "the period ends", "The wall at to; with left only."},
 
       {"initial", "t", "number", "0", "The time of the start."},

@@ -280,7 +280,7 @@ TEST_CASE("what a driven wall gives is compared with its formula") {
 TEST_CASE("driven walls are refused where they cannot be, and data that do not meet them reported") {
   CHECK(driven_refusal({}).empty());
   CHECK_THAT(driven_refusal({"scheme.levels=variable"}), Contains("levels") && Contains("fixed"));
-  CHECK_THAT(driven_refusal({"scheme.lagrangian=fourier"}), Contains("drive") && Contains("leapfrog"));
+  CHECK_THAT(driven_refusal({"scheme.lagrangian=fourier"}), Contains("leapfrog") && Contains("on a line, box"));
   CHECK_THAT(driven_refusal({}, with(driven_breather, "right = { u", "right = { q")), Contains("q is not a field"));
   CHECK_THAT(driven_refusal({}, with(driven_breather, "right = { u", "right = { w")), Contains("cannot drive w"));
   CHECK_THAT(driven_refusal({}, with(driven_breather, "right = { u = \"breather\"", "right = { u = \"u + t\"")),

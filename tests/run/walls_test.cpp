@@ -467,7 +467,8 @@ TEST_CASE("walls are refused where they cannot be, with place, reason and remedy
   CHECK_THAT(refusal({}, with(collision, "left = \"fixed\", ", "")), Contains("walls.toml:11:") && Contains("left"));
   CHECK_THAT(refusal({"grid.x.jump.u=2*pi"}), Contains("jump"));
   CHECK_THAT(refusal({"scheme.frame.velocity=0.5"}), Contains("walls"));
-  CHECK_THAT(refusal({"scheme.lagrangian=box", "scheme.stages=2"}), Contains("has no walls") && Contains("fourier"));
+  CHECK_THAT(refusal({"scheme.lagrangian=box", "scheme.stages=2"}),
+             Contains("box with stages = 2 has no walls") && Contains("fourier"));
   CHECK_THAT(refusal({"scheme.lagrangian=custom", std::string(stated_action) + " + (u_00*u_11 - u_01*u_10)/9"}),
              Contains("mirror") && Contains("L"));
   CHECK_THAT(refusal({"scheme.lagrangian=custom", std::string(stated_action) + " + w_00*w_01"}),
