@@ -72,12 +72,16 @@ private:
     if (!(measures_.energy > doubtful_energy)) {
       return;
     }
+    const std::string_view energy = statistics_.balance ? "node energy less the work" : "node energy";
+    const double t = measures_.energy_t;
     add({.kind = ReasonKind::energy,
          .verdict = measures_.energy > lost_energy ? Verdict::lost : Verdict::doubtful,
          .value = measures_.energy,
-         .finding = fmt::format("the {} strays by {:.2g} of the energy that is exchanged (at t = {:.6g})",
-                                statistics_.balance ? "node energy less the work" : "node energy", measures_.energy,
-                                measures_.energy_t),
+         .finding = std::isnan(t)
+                        ? fmt::format("the {} strays by {:.2g} of the size of its terms, in the mean over the run",
+                                      energy, measures_.energy)
+                        : fmt::format("the {} strays by {:.2g} of the energy that is exchanged (at t = {:.6g})", energy,
+                                      measures_.energy, t),
          .remedy = "take smaller steps, or a scheme of higher order"});
   }
 

@@ -34,7 +34,8 @@ struct Measures {
   double accepted = 0.0;  ///< Σ 2^kind over the kinds of [verdict] accept
   double pure_law =
       0.0;  ///< 1 where the problem asks for the law without a step potential, which has no step everywhere
-  /// The largest |H(z_k) - H(z_0)| over the energy exchanged between the terms of H, and its level (EnergyExchange).
+  /// The largest |H(z_k) - H(z_0)| over the energy exchanged between the terms of H, and its level, or its mean over
+  /// that of the terms, where that is larger: of no level (EnergyExchange).
   double energy = none, energy_t = none;
   double exchanged = none;  ///< that energy, its mean over the run
   /// The fewest steps per turn of the fastest motion (LocalFrequency, WaveMeter), the level, and the fewest that the

@@ -15,7 +15,7 @@ void require_run(const Reader& reader);
 /// versions did not, and cannot do without it.
 ///@{
 inline constexpr const char* state_version_name = "state_version";
-inline constexpr double state_version = 1.0;
+inline constexpr double state_version = 2.0;
 ///@}
 
 /// True if another version wrote the record, of other states: its steps cannot be taken again, nor its run be

@@ -16,14 +16,15 @@ void EnergyExchange::add(std::span<const double> terms, double node_energy, doub
     first_.assign(terms.begin(), terms.end());
     first_energy_ = node_energy;
   }
-  double size = std::abs(node_energy), exchanged = 0.0;
+  double terms_size = 0.0, exchanged = 0.0;
   for (std::size_t i = 0; i < std::min(terms.size(), first_.size()); ++i) {
-    size += std::abs(terms[i]);
+    terms_size += std::abs(terms[i]);
     exchanged += std::abs(terms[i] - first_[i]);
   }
   if (first_.size() < 2) {
     exchanged = std::max(std::abs(node_energy), std::abs(first_energy_));
   }
+  const double size = std::abs(node_energy) + terms_size;
   if (!std::isfinite(size) || !std::isfinite(exchanged)) {
     return;
   }
@@ -31,8 +32,14 @@ void EnergyExchange::add(std::span<const double> terms, double node_energy, doub
   // A sum is off by a few roundings of its size, a solved step by a few more.
   constexpr double roundings = 64.0;
   const double least = roundings * rounding + std::numeric_limits<double>::epsilon() * size_ * (roundings + steps);
-  const double error = std::abs(node_energy - first_energy_);
-  levels_.push_back({.exchanged = exchanged, .error = error > least ? error : 0.0, .t = t});
+  const double off = std::abs(node_energy - first_energy_), error = off > least ? off : 0.0;
+  if (!levels_.empty()) {
+    const double half = 0.5 * std::abs(t - levels_.back().t);
+    error_integral_ += half * (levels_.back().error + error);
+    size_integral_ += half * (last_size_ + terms_size);
+  }
+  last_size_ = terms_size;
+  levels_.push_back({.exchanged = exchanged, .error = error, .t = t});
 }
 
 void EnergyExchange::measure(figures::Measures& measures) const {
@@ -48,13 +55,17 @@ void EnergyExchange::measure(figures::Measures& measures) const {
       measures.energy_t = level.t;
     }
   }
+  if (remaining() > measures.energy) {
+    measures.energy = remaining();
+    measures.energy_t = figures::Measures::none;
+  }
 }
 
 void EnergyExchange::save(StateWriter& state) const {
   state.write(static_cast<double>(first_.size()));
   state.write(first_);
   state.write(first_energy_);
-  state.write(size_);
+  state.write(std::array{size_, last_size_, error_integral_, size_integral_});
   state.write(static_cast<double>(levels_.size()));
   for (const Level& level : levels_) {
     state.write(std::array{level.exchanged, level.error, level.t});
@@ -65,7 +76,9 @@ void EnergyExchange::restore(StateReader& state) {
   first_.resize(static_cast<std::size_t>(state.read()));
   state.read(std::span<double>(first_));
   state.read(first_energy_);
-  state.read(size_);
+  for (double* value : {&size_, &last_size_, &error_integral_, &size_integral_}) {
+    state.read(*value);
+  }
   levels_.resize(static_cast<std::size_t>(state.read()));
   for (Level& level : levels_) {
     level = {.exchanged = state.read(), .error = state.read(), .t = state.read()};

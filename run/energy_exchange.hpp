@@ -15,6 +15,9 @@ namespace rubato {
 /// of a periodic orbit. |H(z_k) - H(z_0)| <= X_k by the triangle inequality: an error near X_k means that the terms do
 /// not balance. A close encounter enlarges X_k only while it lasts, so that it hides no error that remains. An H of one
 /// term is measured by its size. Errors that rounding explains count as none, and so does an X of next to 0.
+///
+/// Far from a start deep in a well, X_k is large at all levels although the terms are small there. So the mean of the
+/// error over time is compared with that of Σ |T_i(z_k)| as well.
 class EnergyExchange {
 public:
   /// A level, in order. \param terms T_i, those of the first call at the start \param rounding a bound of the rounding
@@ -27,6 +30,9 @@ public:
   void restore(StateReader& state);
 
 private:
+  /// The mean error over the mean of Σ |T_i|.
+  [[nodiscard]] double remaining() const { return size_integral_ > 0.0 ? error_integral_ / size_integral_ : 0.0; }
+
   struct Level {
     double exchanged = 0.0;  ///< X_k
     double error = 0.0;      ///< of the node energy, 0 where rounding explains it
@@ -36,6 +42,8 @@ private:
   std::vector<double> first_;  ///< T_i(z_0)
   double first_energy_ = 0.0;
   double size_ = 0.0;  ///< the largest Σ |T_i|
+  double last_size_ = 0.0;
+  double error_integral_ = 0.0, size_integral_ = 0.0;  ///< of the error and of Σ |T_i| over time
   std::vector<Level> levels_;
 };
 

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include <fmt/format.h>
+
 #include <rubato/formula/bytecode.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/sum.hpp>
@@ -69,6 +71,43 @@ TEST_CASE("an error of the energy is measured by what the terms exchange") {
   CHECK(worst(1e-3) < 0.1);
   CHECK(worst(0.4) > 0.1);
   CHECK(worst(100.0) > 0.5);
+}
+
+TEST_CASE("an error that remains is measured by the terms as they are then, wherever the motion began") {
+  // A body falls out of a deep well, T = 1/r + E and V = -1/r; `error` is what it takes along from the closest step.
+  const auto worst = [](double error, bool begins_below) {
+    EnergyExchange exchange;
+    for (int k = 0; k <= 400; ++k) {
+      const double t = 0.05 * k, r = 0.005 + std::pow(begins_below ? t : std::abs(t - 10.0), 2.0 / 3.0);
+      const bool is_before = begins_below ? k == 0 : t < 10.0;
+      const double remains = is_before ? 0.0 : error;
+      const std::array terms = {1.0 / r + remains, -1.0 / r};
+      exchange.add(terms, remains, 1e-16, t, k);
+    }
+    figures::Measures measures;
+    exchange.measure(measures);
+    return measures.energy;
+  };
+  for (const bool begins_below : {false, true}) {
+    CHECK(worst(0.02, begins_below) < 0.1);
+    CHECK(worst(2.0, begins_below) > 0.5);
+  }
+}
+
+TEST_CASE("an orbit that a step at the pericentre throws out of its well is lost") {
+  const tests::Folder folder;
+  const auto verdict = [&](double step) {
+    const Problem problem = parse_problem(
+        fmt::format("[hamiltonian]\nq = [\"x\", \"y\"]\np = [\"p\", \"s\"]\nH = \"(p^2 + s^2)/2 - 1/sqrt(x^2 + "
+                    "y^2)\"\n[initial]\nx = 0.01\ny = 0\np = 0\ns = \"sqrt(199)\"\n[scheme]\nlagrangian = "
+                    "\"gauss\"\nstages = 2\nlevels = \"fixed\"\nstep = {}\nuntil = 20\n[verdict]\naccept = "
+                    "[\"resolution\"]\n",
+                    step),
+        "thrown.toml");
+    return run(problem, {.output = folder / "a.h5", .overwrite = true, .threads = 1}).judgement.verdict;
+  };
+  CHECK(verdict(0.0015) == Verdict::lost);
+  CHECK(verdict(0.0001) == Verdict::good);
 }
 
 TEST_CASE("an energy of one term at 0, or constant to rounding, has no error") {
