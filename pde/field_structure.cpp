@@ -96,17 +96,61 @@ MatrixXcd generic_symbol(const MultisymplecticSystem& system, const MatrixXd& he
   return symbol;
 }
 
-void split(const MatrixXd& matrix, const FieldStructure& structure, MatrixXd& plus) {
+/// True if the second of two fields has the row of their entry in M₊ or K₊, whatever their order.
+bool has_row(const FieldStructure& structure, Index second, Index first) {
+  const auto i = static_cast<std::size_t>(first), j = static_cast<std::size_t>(second);
+  return structure.potential[i] != structure.potential[j] ? structure.potential[j]
+                                                          : structure.algebraic[i] && !structure.algebraic[j];
+}
+
+/// On which side of a difference each field stands, 0 or 1, so that fields which K joins stand on two sides and those
+/// which M joins on one: differences δ⁺ and δ⁻ of the rows are those of a staggered grid then, with the symbols of a
+/// skew operator but for half a cell. Fields for which that cannot be stand on either.
+std::vector<int> sides_of(const MatrixXd& M, const MatrixXd& K, const FieldStructure& structure) {
+  constexpr int open = -1;
+  std::vector<int> sides(static_cast<std::size_t>(K.rows()), open);
+  std::vector<Index> next;
+  const auto set = [&](Index field, int side) {
+    if (int& of_field = sides[static_cast<std::size_t>(field)]; of_field == open) {
+      of_field = side;
+      next.push_back(field);
+    }
+  };
+  const auto go_on = [&] {
+    while (!next.empty()) {
+      const Index field = next.back();
+      next.pop_back();
+      const int side = sides[static_cast<std::size_t>(field)];
+      for (Index other = 0; other < K.rows(); ++other) {
+        if (M(field, other) != 0.0) {
+          set(other, side);
+        } else if (K(field, other) != 0.0) {
+          set(other, 1 - side);
+        }
+      }
+    }
+  };
+  for (const bool is_given : {true, false}) {
+    for (Index i = 0; i < K.rows(); ++i) {
+      for (Index j = 0; j < K.rows(); ++j) {
+        if (K(i, j) != 0.0 && (!is_given || has_row(structure, i, j))) {
+          set(i, 0);
+          go_on();
+        }
+      }
+    }
+  }
+  return sides;
+}
+
+void split(const MatrixXd& matrix, const FieldStructure& structure, const std::vector<int>& sides, MatrixXd& plus) {
   const Index d = matrix.rows();
   plus = MatrixXd::Zero(d, d);
   for (Index i = 0; i < d; ++i) {
     for (Index j = i + 1; j < d; ++j) {
-      const auto first = static_cast<std::size_t>(i);
-      const auto second = static_cast<std::size_t>(j);
-      const bool swap = structure.potential[first] != structure.potential[second]
-                            ? structure.potential[second]
-                            : structure.algebraic[first] && !structure.algebraic[second];
-      if (swap) {
+      const bool is_given = has_row(structure, i, j) || has_row(structure, j, i);
+      const int first = sides[static_cast<std::size_t>(i)], second = sides[static_cast<std::size_t>(j)];
+      if (is_given ? has_row(structure, j, i) : first > second) {
         plus(j, i) = matrix(j, i);
       } else {
         plus(i, j) = matrix(i, j);
@@ -375,10 +419,10 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
 
   refuse_nonlinear_at_levels(system, hessian, result);
 
-  split(system.M(), result, result.M_plus);
+  split(system.M(), result, std::vector<int>(static_cast<std::size_t>(system.field_count()), 0), result.M_plus);
   result.K_plus.resize(static_cast<std::size_t>(system.directions()));
   for (int a = 0; a < system.directions(); ++a) {
-    split(system.K(a), result, result.K_plus[static_cast<std::size_t>(a)]);
+    split(system.K(a), result, sides_of(system.M(), system.K(a), result), result.K_plus[static_cast<std::size_t>(a)]);
   }
   return result;
 }
