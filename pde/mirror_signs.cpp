@@ -10,14 +10,15 @@ namespace rubato {
 
 namespace {
 
-/// Whether f is the derivative, by a constraint, of a field after it that S does not name: u of u = φ_x.
+/// Whether f is the derivative, by the row of another field, of a field after it that S does not name: u of u = φ_x.
+/// What its own row gives is the slope of that field.
 bool has_later_potential(const MultisymplecticSystem& system, int axis, std::size_t f) {
   const auto d = static_cast<std::size_t>(system.field_count());
   for (std::size_t potential = f + 1; potential < d; ++potential) {
     for (std::size_t multiplier = 0; multiplier < d && system.structure().potential[potential]; ++multiplier) {
       const auto row = static_cast<Eigen::Index>(multiplier);
-      if (system.K(axis)(row, static_cast<Eigen::Index>(potential)) != 0.0 && system.M().row(row).isZero(0.0) &&
-          system.constant_hessian()(row, static_cast<Eigen::Index>(f)) != 0.0) {
+      if (multiplier != f && system.K(axis)(row, static_cast<Eigen::Index>(potential)) != 0.0 &&
+          system.M().row(row).isZero(0.0) && system.constant_hessian()(row, static_cast<Eigen::Index>(f)) != 0.0) {
         return true;
       }
     }

@@ -196,7 +196,7 @@ private:
   /// Lets a field be `held` at a wall.
   void hold(const WallPlace& wall, std::size_t f, double held) {
     std::vector<double>& values = *given_[f];
-    const double largest = largest_of_values(values), here = value_at(wall, f);
+    const double largest = largest_of_values(values);
     double miss = 0.0;
     wall.for_each_node(grid_, [&](std::size_t node, std::ptrdiff_t) {
       miss = std::max(miss, std::abs(values[node] - held));
@@ -205,9 +205,9 @@ private:
     if (!(miss <= not_met * largest)) {
       throw InitialFieldError(
           static_cast<int>(f),
-          fmt::format("{0} is up to {1:.6g} at the {2} wall at {3}, which holds it at {4:.6g}: give initial data that "
-                      "meet the wall, or another wall",
-                      name(f), here, kind(wall), wall.name(grid_), held));
+          fmt::format("{0} differs by up to {1:.6g} from {2:.6g}, the one value at which the {3} wall at {4} holds it: "
+                      "give initial data that meet the wall, or another wall",
+                      name(f), miss, held, kind(wall), wall.name(grid_)));
     }
     if (miss > met_to_rounding * largest) {
       cautions_.push_back(

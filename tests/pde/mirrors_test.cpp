@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <string>
 #include <vector>
 
 #include <rubato/grids/lines.hpp>
@@ -101,6 +102,25 @@ TEST_CASE("a field that two walls hold at different values is without the straig
       }
       mirrors.read_line(0, u, a, at.first, Mirrors::Slope::kept, line);
       CHECK(std::abs(line[1] - line[0]) > 1.0);
+    }
+  }
+}
+
+TEST_CASE("a fixed wall holds the field that moves, wherever its slopes stand among the fields") {
+  using Fields = std::vector<std::string>;
+  for (const Fields& fields :
+       {Fields{"u", "v", "a", "b"}, {"a", "b", "u", "v"}, {"b", "u", "v", "a"}, {"b", "v", "a", "u"}}) {
+    INFO(fields[0] << ", " << fields[1] << ", ...");
+    // S does not name u, of which a and b are derivatives.
+    const MultisymplecticSystem system =
+        make_system(fields, {{"u", "v", -1}}, {{{"u", "a", 1}}, {{"u", "b", 1}}}, "(v^2 - a^2 - b^2)/2");
+    for (const int axis : {0, 1}) {
+      const MirrorSigns signs(system, axis, "x");
+      const auto sign = [&](const char* field, End end) { return signs.at(system.field(field), end); };
+      CHECK(sign("u", End::fixed) == -1);
+      CHECK(sign("u", End::free) == 1);
+      CHECK(sign(axis == 0 ? "a" : "b", End::fixed) == 1);
+      CHECK(sign(axis == 0 ? "b" : "a", End::fixed) == -1);
     }
   }
 }
