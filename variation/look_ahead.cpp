@@ -19,6 +19,10 @@ namespace {
 
 using namespace tuning;
 
+/// If it comes as far as it looks at least in fewer strides than these it goes on: what is to happen later costs little
+/// to see.
+constexpr std::size_t least_strides = 100;
+
 /// The look-ahead's log so far, and whether it has seen enough.
 class Watch {
 public:
@@ -87,7 +91,8 @@ private:
       }
       early_look_ *= 2.0;
     }
-    if (seen < look_at_) {
+    const bool is_cheap = log_.eta.size() < least_strides && seen < longest_stretch_untold * log_.step;
+    if (seen < look_at_ || is_cheap) {
       return false;
     }
     if (log_.order >= order_with_zeros && !log_.knows_step()) {

@@ -83,11 +83,11 @@ TEST_CASE("A look-ahead takes no strides that cost more than they save") {
   CHECK(saving.tried < 20);
 }
 
-TEST_CASE("A look-ahead sees 400 first steps in a few where η stays, and goes back") {
+TEST_CASE("A look-ahead sees 6400 first steps in a few where η stays, and goes back") {
   KnownEta steady([](double) { return -2e-4; });
   const LookAhead seen = look_ahead(steady, h, false, 1e-13);
-  CHECK(seen.duration >= 400.0 * h * (1.0 - 1e-9));
-  CHECK(seen.eta.size() <= 10);  // 1 + 1 + 2 + 4 + … + 128 first steps, and one more
+  CHECK(seen.duration >= 6400.0 * h * (1.0 - 1e-9));
+  CHECK(seen.eta.size() <= 18);  // 1 + 1 + 2 + 4 + … + 1024 first steps, and some more as long
   CHECK(seen.eta.front() == Approx(-2e-4));
   CHECK(seen.time.front() == Approx(0.5 * h));
   CHECK(steady.time == 5.0);
@@ -141,8 +141,8 @@ TEST_CASE("A look-ahead takes no strides that pass over the motion") {
   // (s+1)|η|h² is a thousandth of K in a first step, and a tenth in one of ten.
   KnownEta coarse([](double) { return 1e-3 / (3.0 * h * h); });
   const LookAhead seen = look_ahead(coarse, h, false, 1e-13);
-  CHECK(seen.eta.size() >= 400 / 8);
-  CHECK(seen.eta.size() <= 400 / 8 + 4);
+  CHECK(seen.eta.size() >= 100);  // 8 first steps each
+  CHECK(seen.eta.size() <= 104);
 }
 
 TEST_CASE("At order 4 a look-ahead looks no longer than it takes to see what repeats, or that K tells nothing") {
@@ -181,6 +181,22 @@ TEST_CASE("At order 4 a look-ahead looks no longer than it takes to see what rep
   // The twin: at order 2, where steps may follow, all of it is looked at.
   KnownEta second([](double t) { return std::cos(t / h); });
   CHECK(look_ahead(second, h, false, 1e-13).duration >= 400.0 * h * (1.0 - 1e-9));
+}
+
+TEST_CASE("a look-ahead that comes far in few strides goes on to what happens later") {
+  // Of order 2: η is 1, and 400 times that in a peak as wide as 40 steps, beyond the 400 first steps that are seen at
+  // least.
+  const auto with_peak_at = [](double steps) {
+    KnownEta peak([=](double t) { return 1.0 + 400.0 * std::exp(-std::pow((t - 5.0 - steps * h) / (20.0 * h), 2)); });
+    return look_ahead(peak, h, false, 1e-13);
+  };
+  const LookAhead near = with_peak_at(300.0), far = with_peak_at(1000.0);
+  CHECK(near.largest_eta() > 300.0);
+  CHECK(far.largest_eta() > 300.0);
+  CHECK(far.eta.size() < 400);
+  // The twin: where strides are as short as the first step it has seen enough with the 400.
+  KnownEta wavy([](double t) { return 2.0 + std::sin(t / h); });
+  CHECK(look_ahead(wavy, h, false, 1e-13).duration < 450.0 * h);
 }
 
 TEST_CASE("A look-ahead does not look beyond a blow-up") {
