@@ -24,6 +24,9 @@ using Level = NodeVariation::Level;
 /// What rounding leaves of some tens of terms, relative to the largest, with a margin of a thousand.
 constexpr double rounding_of_terms = 1e-11;
 constexpr int trials = 4;
+/// Of steps at which formulas are compared: in other units of time terms with h and without it are of other sizes, and
+/// the larger ones hide what the others show.
+constexpr std::array step_scales = {1.0, 1e-6, 1e6, 1e-12, 1e12, 1e-18, 1e18, 1e-24, 1e24};
 
 }  // namespace
 
@@ -131,10 +134,13 @@ void ActionRows::factor(std::span<const Expression> equations) {
     const std::array formulas{row.row - factor * (variation_.step() * mean), row.lower, row.upper};
     std::mt19937_64 random(45);
     const int d = system_.field_count();
-    for (int trial = 0; trial < trials; ++trial) {
+    for (const double scale : step_scales) {
       const std::vector<double> found = values(formulas, [&](const NodeInput& input) {
-        return probes_.front().draw(
+        const double value = probes_.front().draw(
             random, input.kind == NodeInput::Kind::node && input.number < 2 * d ? input.number % d : -1);
+        return input.kind != NodeInput::Kind::uniform       ? value
+               : input.number == NodeVariation::number_of_h ? scale * value
+                                                            : value / scale;
       });
       if (!(std::abs(found[0]) <= rounding_of_terms * (std::abs(found[1]) + std::abs(found[2])))) {
         return;
@@ -189,7 +195,7 @@ bool ActionRows::has_level_momentum(const Row& row) const {
   const std::array formulas{sum, row.upper, row.lower};
   std::mt19937_64 random(45);
   const int d = system_.field_count();
-  for (int trial = 0; trial < trials; ++trial) {
+  for (const double scale : step_scales) {
     std::map<std::tuple<int, int, std::array<int, 3>>, double> known;
     const auto of_level = [&](int level, const NodeInput& input) {
       const bool is_field = input.kind == NodeInput::Kind::node && input.number < d;
@@ -198,7 +204,7 @@ bool ActionRows::has_level_momentum(const Row& row) const {
           .first->second;
     };
     const auto between = [&](int lower, int upper) {
-      const double h = probes_.front().draw(random);
+      const double h = scale * probes_.front().draw(random);
       constexpr int steady = -1;
       return values(formulas, [&](const NodeInput& input) {
         if (input.kind == NodeInput::Kind::uniform) {

@@ -382,3 +382,53 @@ down = {{ crossing = "u", at = {{ x = 0 }} }}
     CHECK(std::abs(crossed.front() - 0.5 * std::numbers::pi / std::numbers::sqrt2) < allowed);
   }
 }
+
+TEST_CASE("a stated action steps alike in all units of length and time", "[run][custom]") {
+  const Folder folder;
+  const std::string file = folder / "units.h5";
+  const std::string others =
+                        " - c^2*((u_01 + u_11 - u_00 - u_10)/(2*dx))^2/2 - w^2*(1 - cos((u_00 + u_01 + u_10 + "
+                        "u_11)/4))\"",
+                    rate_at_nodes = "L = \"(((u_10 - u_00)/h)^2 + ((u_11 - u_01)/h)^2)/4" + others,
+                    mean_rate = "L = \"((u_10 + u_11 - u_00 - u_01)/(2*h))^2/2" + others;
+  for (const std::string& L : {rate_at_nodes, mean_rate}) {
+    const auto last = [&](double length, double speed) {
+      const std::string text = fmt::format(R"toml([field]
+equation = "u_tt = c^2*u_xx - w^2*sin(u)"
+[parameters]
+l = {:.17g}
+c = {:.17g}
+w = "c/l"
+[grid]
+x = {{ from = "-10*l", to = "10*l", cells = 41 }}
+[initial]
+u = "2*exp(-(x/l)^2)"
+u_t = 0
+[scheme]
+lagrangian = "custom"
+{}
+levels = "fixed"
+step = "0.1*l/c"
+until = "2*l/c"
+)toml",
+                                           length, speed, L);
+      REQUIRE(run(parse_problem(text, "units.toml"), {.output = file, .overwrite = true, .threads = 1}).complete);
+      std::vector<double> u = record::Reader(file).read("/states/u");
+      u.erase(u.begin(), u.end() - 41);
+      return u;
+    };
+    const std::vector<double> natural = last(1.0, 1.0);
+    const auto off = [&](const std::vector<double>& u) {
+      double largest = 0.0;
+      for (std::size_t i = 0; i < u.size(); ++i) {
+        largest = std::max(largest, std::abs(u[i] - natural[i]));
+      }
+      return largest;
+    };
+    // Twenty solves, each to some roundings of u.
+    CHECK(off(last(1e-9, 3e8)) < 1e-12);
+    CHECK(off(last(1e12, 1e-3)) < 1e-12);
+    CHECK(off(last(1.0, 1.01)) < 1e-12);
+    CHECK(off(std::vector<double>(natural.size(), natural.front())) > 0.1);  // that there is something to be off
+  }
+}
