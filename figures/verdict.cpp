@@ -166,9 +166,11 @@ private:
       add({.kind = ReasonKind::exact,
            .verdict = Verdict::doubtful,
            .value = measures_.exact_residual,
-           .finding = fmt::format("[exact] does not solve the equation: its first increment is off by {:.2g} of itself",
-                                  measures_.exact_residual),
-           .remedy = "correct the formula of [exact]"});
+           .finding =
+               fmt::format("the first increment of [exact] is off that of the run by {:.2g} of itself: it does not "
+                           "solve the equation, or cells or steps are too coarse for it",
+                           measures_.exact_residual),
+           .remedy = "take more cells and smaller steps, or correct the formula of [exact]"});
     }
   }
 
