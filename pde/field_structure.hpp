@@ -30,7 +30,9 @@ struct FieldStructure {
   /// Constant vectors b with b·∇S = 0 for all z, as columns in reduced echelon form: (bᵀMz)_t + Σ (bᵀK_a z)_{x_a} = 0.
   Eigen::MatrixXd affine_symmetries;
   /// M = M₊ - M₊ᵀ, K_a = K₊ - K₊ᵀ, with potentials in the rows of M₊, K₊ and, for other fields, algebraic ones in its
-  /// columns: densities are then free of bare potentials and multipliers (energy density S + Σ z_{x_a}ᵀK₊z).
+  /// columns: densities are then free of bare potentials and multipliers (energy density S + Σ z_{x_a}ᵀK₊z). Of K_a,
+  /// any other fields have rows or columns so that those which M joins have the same, in every order of the fields:
+  /// one-sided differences, δ⁺ in rows of K₊, are then those of a staggered grid.
   Eigen::MatrixXd M_plus;
   std::vector<Eigen::MatrixXd> K_plus;
   /// The columns of `kernel` whose constraint holds at every level, free of multipliers.
