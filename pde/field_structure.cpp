@@ -96,11 +96,11 @@ MatrixXcd generic_symbol(const MultisymplecticSystem& system, const MatrixXd& he
   return symbol;
 }
 
-/// True if the second of two fields has the row of their entry in M₊ or K₊, whatever their order.
-bool has_row(const FieldStructure& structure, Index second, Index first) {
-  const auto i = static_cast<std::size_t>(first), j = static_cast<std::size_t>(second);
-  return structure.potential[i] != structure.potential[j] ? structure.potential[j]
-                                                          : structure.algebraic[i] && !structure.algebraic[j];
+/// True if the entry of two fields in M₊ or K₊ is in the row of `field`, in the column of `other`, by what they are.
+bool has_row(const FieldStructure& structure, Index field, Index other) {
+  const auto f = static_cast<std::size_t>(field), o = static_cast<std::size_t>(other);
+  return structure.potential[f] != structure.potential[o] ? structure.potential[f]
+                                                          : structure.algebraic[o] && !structure.algebraic[f];
 }
 
 /// On which side of a difference each field stands, 0 or 1, so that fields which K joins stand on two sides and those

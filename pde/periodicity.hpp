@@ -29,9 +29,9 @@ struct SeamBreak {
 /// too little. Where this thread has a slab (grids/whole.hpp) rank 0 gets what is found, others nothing.
 [[nodiscard]] std::optional<SeamBreak> find_seam_break(const grids::Grid& grid, std::span<const double> values);
 
+using UseOfLine = std::function<void(std::span<const double> line, std::size_t first)>;
 /// The same of values that are read line by line. \param largest of their magnitudes
 /// \param for_each_line calls use(line, its first node) for each line along an axis
-using UseOfLine = std::function<void(std::span<const double> line, std::size_t first)>;
 [[nodiscard]] std::optional<SeamBreak> find_seam_break(
     const grids::Grid& grid, double largest, const std::function<void(int axis, const UseOfLine& use)>& for_each_line);
 
