@@ -51,7 +51,7 @@ LinearWaves::LinearWaves(const MultisymplecticSystem& system, const grids::Grid&
       fourier_(fourier),
       has_mean_(fourier.modes() > 0 && fourier.wave(0) == std::array<std::ptrdiff_t, 3>{}) {
   split_fields();
-  L_ = mean_hessian(system, grid, grids::FieldSet(system.field_count(), grid.size()));
+  L_ = hessian_of_waves(system, grid);
   find_translation();
   reduce();
   group();

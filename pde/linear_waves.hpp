@@ -18,8 +18,8 @@ namespace rubato {
 /// What a user can do where a splitting refuses.
 inline constexpr const char* splitting_remedy = "; take lagrangian = \"fourier\" with stages";
 
-/// The linear part M z_t + Σ_a K_a ∂_a z = Lz of a system on every wave, L = S''(0) in the mean over the grid: with x
-/// the fields that have an equation of motion, and y the others,
+/// The linear part M z_t + Σ_a K_a ∂_a z = Lz of a system on every wave, L = hessian_of_waves(): with x the
+/// fields that have an equation of motion, and y the others,
 ///
 ///     x_t = A x,      ŷ = C x̂,      X_1 = ½ x̂ᴴ G x̂,      A = M⁻¹G.
 ///

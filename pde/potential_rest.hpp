@@ -24,15 +24,16 @@ struct PotentialRest {
 [[nodiscard]] PotentialRest rest_of_potential(const MultisymplecticSystem& system, const Eigen::MatrixXd& L,
                                               std::span<const int> fields);
 
-/// The mean of S'' over the nodes, its constant entries as they are; 0 where an entry is not finite everywhere.
-/// `fields`: of a level, without what it does not have.
-[[nodiscard]] Eigen::MatrixXd mean_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                           const grids::FieldSet& fields);
-/// The same with the value of each entry that the fourth powers of the differences from it are least with: between the
-/// mean and the middle of its range. An iteration with the exact inverse T of the linear part contracts by
-/// |T (S'' - L̄)|, which is at most |T|_p |S'' - L̄|_p for every p >= 2, T a function of the waves and S'' of the places
-/// (the inequality of Kato, Seiler and Simon): the mean is best for p = 2, that is where T singles few waves out, the
-/// middle for p = ∞, where T is about the same for many.
+/// L, the part ½ zᵀLz of S that splittings leave to the waves: the mean of S''(0) over the nodes, its constant entries
+/// as they are, 0 where an entry is not finite everywhere. Of sines and cosines of linear combinations of the fields it
+/// has nothing: no place of their period is singled out, and where S is periodic a wave may stand at any u = 2πn.
+[[nodiscard]] Eigen::MatrixXd hessian_of_waves(const MultisymplecticSystem& system, const grids::Grid& grid);
+/// S'' at the fields of a level with one value of each varying entry, the one that the fourth powers of the differences
+/// from it are least with: between the mean and the middle of its range. 0 where an entry is not finite everywhere. An
+/// iteration with the exact inverse T of the linear part contracts by |T (S'' - L̄)|, which is at most
+/// |T|_p |S'' - L̄|_p for every p >= 2, T a function of the waves and S'' of the places (the inequality of Kato, Seiler
+/// and Simon): the mean is best for p = 2, that is where T singles few waves out, the middle for p = ∞, where T is about
+/// the same for many. `fields`: of a level, without what it does not have.
 [[nodiscard]] Eigen::MatrixXd middle_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
                                              const grids::FieldSet& fields);
 

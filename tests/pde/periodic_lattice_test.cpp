@@ -212,10 +212,10 @@ double energy_of(const MultisymplecticSystem& system, const std::string& method,
 /// Energies tend to one number with the order of each scheme.
 template <typename U, typename V>
 void check_orders(const MultisymplecticSystem& system, double period, const U& u, const V& v) {
-  const double exact = energy_of(system, "kahan-li-6", period, 80, u, v);
+  const double exact = energy_of(system, "kahan-li-6", period, 112, u, v);
   for (const auto& [method, order] : {std::pair("fourier", 2), {"golden", 2}, {"blanes-moan-4", 4}}) {
-    const double coarse = energy_of(system, method, period, 40, u, v) - exact,
-                 fine = energy_of(system, method, period, 80, u, v) - exact;
+    const double coarse = energy_of(system, method, period, 56, u, v) - exact,
+                 fine = energy_of(system, method, period, 112, u, v) - exact;
     CAPTURE(method, exact, coarse, fine);
     CHECK(std::log2(std::abs(coarse / fine)) == Approx(order).margin(0.3));
   }
