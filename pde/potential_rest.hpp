@@ -32,8 +32,8 @@ struct PotentialRest {
 /// from it are least with: between the mean and the middle of its range. 0 where an entry is not finite everywhere. An
 /// iteration with the exact inverse T of the linear part contracts by |T (S'' - L̄)|, which is at most
 /// |T|_p |S'' - L̄|_p for every p >= 2, T a function of the waves and S'' of the places (the inequality of Kato, Seiler
-/// and Simon): the mean is best for p = 2, that is where T singles few waves out, the middle for p = ∞, where T is about
-/// the same for many. `fields`: of a level, without what it does not have.
+/// and Simon): the mean is best for p = 2, that is where T singles few waves out, the middle for p = ∞, where T is
+/// about the same for many. `fields`: of a level, without what it does not have.
 [[nodiscard]] Eigen::MatrixXd middle_hessian(const MultisymplecticSystem& system, const grids::Grid& grid,
                                              const grids::FieldSet& fields);
 

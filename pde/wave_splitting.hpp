@@ -17,8 +17,8 @@
 
 namespace rubato {
 
-/// A splitting of S = ½ zᵀLz + N(x), L = hessian_of_waves(), x the fields with an equation of motion (theory, sections 8
-/// and 8.3): the flow of the waves, M z_t + Σ_a K_a ∂_a z = Lz, is exact on every wave, and that of M z_t = ∇N(x) at
+/// A splitting of S = ½ zᵀLz + N(x), L = hessian_of_waves(), x the fields with an equation of motion (theory, sections
+/// 8 and 8.3): the flow of the waves, M z_t + Σ_a K_a ∂_a z = Lz, is exact on every wave, and that of M z_t = ∇N(x) at
 /// every node. Both are multisymplectic, and so are compositions of them (Ryland, McLachlan, Frank
 /// 2007). Two kinds of N have an exact flow here:
 ///
