@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -8,25 +9,29 @@
 
 namespace rubato {
 
-/// The rate of the fastest motion about a point of an orbit: about the largest |eigenvalue| of J H''.
+/// The rate at which the motion turns at a point of an orbit, of its modes the mean by their forces.
 ///
-/// A power iteration with (J H'')², whose products are differences of gradients. From the coordinates alone it comes
-/// back to coordinates, so that only lengths of one unit are compared.
+/// With v = J∇H, A = JH'' and |v|² = Σ |v_a (H''v)_a|, which no unit changes, it is ω = |Av|/|v|. A mode of frequency
+/// ω_i and energy E_i counts by ω_i² E_i: of a stiff spring that follows a slow motion that is nothing, of one that
+/// holds a part (ω/ω_i)² of the energy as much as of all the rest.
 class LocalFrequency {
 public:
   explicit LocalFrequency(const Problem& problem);
 
-  /// At z = (q, p), of a step of length h, which sets the size of the differences where z is 0. 0 where nothing turns
-  /// or grows, not a number for a problem that is stated by L or has constraints, or where the gradient is not defined.
+  /// At z = (q, p), of a step of length h, which sets the size of differences where z is 0. 0 where no velocity
+  /// changes, not a number at rest, for a problem that is stated by L or has constraints, or where ∇H is not defined.
   [[nodiscard]] double operator()(std::span<const double> z, double h);
 
 private:
-  /// J ∇H(z + v) - J ∇H(z), into `v`.
-  void apply(std::span<const double> z, std::span<double> v);
-  void gradient(std::span<const double> z, std::vector<double>& into);
+  /// J∇H, the time at rest.
+  [[nodiscard]] std::vector<double> flow(std::span<const double> z);
+  /// A v by differences of J∇H, which is `rate` at z: along coordinates and along momenta, so that only lengths of one
+  /// unit are compared.
+  [[nodiscard]] std::vector<double> product(std::span<const double> z, std::span<const double> rate,
+                                            std::span<const double> v, double h);
 
   std::vector<FormulaTable> gradient_;  ///< one, or none
-  std::vector<double> here_, there_, point_, v_;
+  std::size_t moving_ = 0;              ///< coordinates but for the time
 };
 
 }  // namespace rubato
