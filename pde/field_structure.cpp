@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 
@@ -143,20 +144,21 @@ std::vector<int> sides_of(const MatrixXd& M, const MatrixXd& K, const FieldStruc
   return sides;
 }
 
-void split(const MatrixXd& matrix, const FieldStructure& structure, const std::vector<int>& sides, MatrixXd& plus) {
+/// Two fields on one side have half of their entry each: differences of them are central.
+MatrixXd split(const MatrixXd& matrix, const FieldStructure& structure, const std::vector<int>& sides) {
   const Index d = matrix.rows();
-  plus = MatrixXd::Zero(d, d);
+  MatrixXd plus = MatrixXd::Zero(d, d);
   for (Index i = 0; i < d; ++i) {
     for (Index j = i + 1; j < d; ++j) {
       const bool is_given = has_row(structure, i, j) || has_row(structure, j, i);
       const int first = sides[static_cast<std::size_t>(i)], second = sides[static_cast<std::size_t>(j)];
-      if (is_given ? has_row(structure, j, i) : first > second) {
-        plus(j, i) = matrix(j, i);
-      } else {
-        plus(i, j) = matrix(i, j);
-      }
+      const double of_first =
+          is_given ? (has_row(structure, i, j) ? 1.0 : 0.0) : (first == second ? 0.5 : (first < second ? 1.0 : 0.0));
+      plus(i, j) = of_first * matrix(i, j);
+      plus(j, i) = (1.0 - of_first) * matrix(j, i);
     }
   }
+  return plus;
 }
 
 void refuse_undetermined(const MultisymplecticSystem& system, const MatrixXd& hessian, std::mt19937_64& random) {
@@ -419,10 +421,11 @@ FieldStructure analyse(const MultisymplecticSystem& system) {
 
   refuse_nonlinear_at_levels(system, hessian, result);
 
-  split(system.M(), result, std::vector<int>(static_cast<std::size_t>(system.field_count()), 0), result.M_plus);
-  result.K_plus.resize(static_cast<std::size_t>(system.directions()));
+  std::vector<int> in_order(static_cast<std::size_t>(d));
+  std::iota(in_order.begin(), in_order.end(), 0);
+  result.M_plus = split(system.M(), result, in_order);
   for (int a = 0; a < system.directions(); ++a) {
-    split(system.K(a), result, sides_of(system.M(), system.K(a), result), result.K_plus[static_cast<std::size_t>(a)]);
+    result.K_plus.push_back(split(system.K(a), result, sides_of(system.M(), system.K(a), result)));
   }
   return result;
 }

@@ -31,8 +31,8 @@ struct FieldStructure {
   Eigen::MatrixXd affine_symmetries;
   /// M = M₊ - M₊ᵀ, K_a = K₊ - K₊ᵀ, with potentials in the rows of M₊, K₊ and, for other fields, algebraic ones in its
   /// columns: densities are then free of bare potentials and multipliers (energy density S + Σ z_{x_a}ᵀK₊z). Of K_a,
-  /// any other fields have rows or columns so that those which M joins have the same, in every order of the fields:
-  /// one-sided differences, δ⁺ in rows of K₊, are then those of a staggered grid.
+  /// any other fields have rows or columns so that those which M joins have the same: δ⁺ in rows of K₊ are differences
+  /// of a staggered grid. Where K joins these, too, both have half of the entry: differences are central.
   Eigen::MatrixXd M_plus;
   std::vector<Eigen::MatrixXd> K_plus;
   /// The columns of `kernel` whose constraint holds at every level, free of multipliers.

@@ -138,6 +138,7 @@ std::vector<std::string> fitted_frame(const Problem& problem) {
   laboratory.scheme.method = "fourier";
   laboratory.scheme.stages.reset();
   laboratory.scheme.space_stages = 1;
+  laboratory.scheme.space = "fourier";
   laboratory.scheme.levels = Levels::fixed;
   laboratory.scheme.potential = {};
   laboratory.scheme.density = nullptr;

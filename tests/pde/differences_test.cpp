@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/pde/lattice.hpp>
+#include <rubato/pde/moving_frame.hpp>
 
 #include "equations.hpp"
 
@@ -115,6 +116,27 @@ TEST_CASE("differences are of second order in space, and their momentum law of f
   CHECK(std::log2(coarse / fine) == Approx(2).margin(0.1));
   CHECK(std::log2(fine / finest) == Approx(2).margin(0.05));
   CHECK(std::log2(momentum_fine / momentum_finest) == Approx(1).margin(0.1));
+}
+
+TEST_CASE("differences of fields that M joins are central, so that frames keep the second order") {
+  // δ⁺ for both, as fields half a cell apart have them, would be of first order.
+  const MovingFrame frame{.velocity = {2.0}};
+  for (const MultisymplecticSystem& laboratory : {schroedinger(2), sine_gordon()}) {
+    const MultisymplecticSystem system = frame.seen(laboratory);
+    const int f = laboratory.fields()[0] == "p" ? system.field("p") : system.field("u"),
+              g = laboratory.fields()[0] == "p" ? system.field("q") : system.field("v");
+    CHECK(system.structure().K_plus[0](f, g) == 0.5 * system.K(0)(f, g));
+    CHECK(system.structure().K_plus[0](g, f) == -0.5 * system.K(0)(f, g));
+    const auto error = [&](std::size_t cells) {
+      return largest_difference(run(system, options_on("differences", 0.02, 1), cells).u,
+                                run(system, options_on("fourier", 0.02, 1), cells).u);
+    };
+    const double fine = error(200);
+    CHECK(std::log2(fine / error(400)) == Approx(2).margin(0.1));
+    // The law of energy holds to the order of the step, however coarse the grid is.
+    const auto residual = [&](double h) { return run(system, options_on("differences", h, 0.4), 25).residuals[0]; };
+    CHECK(std::log2(residual(0.02) / residual(0.01)) == Approx(4).margin(0.3));
+  }
 }
 
 TEST_CASE("derivatives in space are a choice of the splitting alone") {

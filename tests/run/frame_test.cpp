@@ -207,6 +207,11 @@ TEST_CASE("the velocity and the rate of a frame are fitted, and the record has t
   const double c = 0.1 * 3.14159265358979323846;  // 4π/L
   CHECK(other.scheme.frame->velocity->front() == Approx(c).margin(1e-5));
   CHECK(*other.scheme.frame->rate == Approx(1.0 + c * c / 4.0).margin(1e-5));
+  // Whatever the scheme: the trial has its own.
+  const Problem split = read_problem(
+      "nls", joined(schroedinger, {"scheme.lagrangian=splitting", "scheme.order=4", "scheme.space=differences",
+                                   "scheme.frame.velocity=fit", "scheme.frame.phase.charge=fit"}));
+  CHECK(split.scheme.frame->velocity->front() == Approx(c).margin(1e-5));
   // With the velocity given the rate alone is fitted.
   const Problem third =
       read_problem("nls", joined(schroedinger, {"scheme.frame.velocity=0.25", "scheme.frame.phase.charge=fit"}));
