@@ -413,11 +413,14 @@ void add_medium_cautions(const MultisymplecticSystem& system, const grids::Grid&
   }
 }
 
-/// What the user should know about the data. `computed`: the fields that the constraints gave.
+/// What the user should know about the data. `computed`: the fields that the constraints gave. Of data that go on in
+/// mirrors the seams are those of the walls, which meet_walls() looks at.
 std::vector<std::string> find_cautions(const MultisymplecticSystem& system, const grids::Grid& grid,
                                        const InitialFields& given, const std::vector<int>& computed,
                                        const LatticeLevel& level) {
   std::vector<std::string> cautions;
+  const bool has_mirrors = std::ranges::any_of(
+      grids::whole_of(grid).axes(), [](const grids::Axis& axis) { return axis.mirrored > 0 || axis.ghosts > 0; });
   for (int f = 0; f < system.field_count(); ++f) {
     const auto i = static_cast<std::size_t>(f);
     const std::string& name = system.fields()[i];
@@ -431,6 +434,9 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
           name));
       continue;
     }
+    if (has_mirrors) {
+      continue;
+    }
     if (const auto broken = find_seam_break(grid, *given[i])) {
       cautions.push_back(describe(*broken, grids::whole_of(grid), name));
     }
@@ -438,7 +444,9 @@ std::vector<std::string> find_cautions(const MultisymplecticSystem& system, cons
       cautions.push_back(std::move(*caution));
     }
   }
-  add_medium_cautions(system, grid, level, cautions);
+  if (!has_mirrors) {
+    add_medium_cautions(system, grid, level, cautions);
+  }
   return cautions;
 }
 

@@ -487,6 +487,7 @@ public:
       }
     }
     InitialLevel ring = method_->first_level(system, mirrors.ring(), on_ring);
+    std::ranges::move(ring.cautions, std::back_inserter(cautions));
     // A field that goes on in mirrors has no slope but that of rounding.
     LatticeLevel level{FieldSet(system.field_count(), grid.size()), {}};
     mirrors.restrict(ring.level.fields, level.fields);

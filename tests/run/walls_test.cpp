@@ -543,3 +543,28 @@ TEST_CASE("a wall says which of two fields it holds where an equation joins one 
   CHECK_THAT(cautions(strings, "fixed"), !Contains("leaves"));
   CHECK_THAT(cautions(strings, "free"), !Contains("leaves"));
 }
+
+TEST_CASE("what a stated action leaves undetermined, and another equation, are named between walls, too") {
+  const auto warnings = [](const std::string& rate, const std::string& slope) {
+    const std::string text =
+        "[field]\nequation = \"u_tt = u_xx + u_yy - u\"\n[grid]\nx = { from = 0, to = 3, cells = 12, left = \"fixed\", "
+        "right = \"fixed\" }\ny = { from = 0, to = 2, cells = 8, left = \"free\", right = \"free\" }\n[initial]\nu = "
+        "\"sin(pi*x/3)\"\nu_t = 0\n[scheme]\nlagrangian = \"custom\"\nL = \"" +
+        rate + " - " + slope +
+        "*((u_010 - u_000)^2 + (u_011 - u_001)^2 + (u_110 - u_100)^2 + (u_111 - u_101)^2)/(8*dy^2) - ((u_001 - "
+        "u_000)^2 + (u_011 - u_010)^2 + (u_101 - u_100)^2 + (u_111 - u_110)^2)/(8*dx^2) - (u_000^2 + u_001^2 + u_010^2 "
+        "+ u_011^2 + u_100^2 + u_101^2 + u_110^2 + u_111^2)/16\"\nlevels = \"fixed\"\nstep = 0.02\nuntil = 0.02\n";
+    const Folder folder;
+    const Outcome outcome = run(parse_problem(text, "plane.toml"), {.output = folder / "a.h5", .threads = 1});
+    std::string all;
+    for (const std::string& warning : outcome.warnings) {
+      all += warning + "\n";
+    }
+    return all;
+  };
+  const std::string nodes = "((u_100 - u_000)^2 + (u_101 - u_001)^2 + (u_110 - u_010)^2 + (u_111 - u_011)^2)/(8*h^2)";
+  const std::string middle = "(u_100 + u_101 + u_110 + u_111 - u_000 - u_001 - u_010 - u_011)^2/(32*h^2)";
+  CHECK_THAT(warnings(middle, "1"), Contains("sawtooth (-1)^i") && Contains("undetermined"));
+  CHECK_THAT(warnings(nodes, "1.1"), Contains("does not approximate the equation"));
+  CHECK_THAT(warnings(nodes, "1"), !Contains("undetermined") && !Contains("approximate"));
+}
