@@ -7,6 +7,7 @@ import numpy as np
 from . import _core, _toml
 from ._problem import build, threads_of
 from ._result import Result
+from ._symbols import vectors
 from ._systems import Hamiltonian, without_mask
 
 #: An orbit whose node energy strays by less, relative to its energy, is good without a further look at it.
@@ -36,8 +37,8 @@ class EnsembleResult:
     verdicts, verdict, warnings : list of str, str, list of str
         The verdict of each member, the worst of these, and all warnings, gathered. One that was interrupted has none.
 
-    Columns have their names: ``r["q"]`` and ``r.q`` are that part of `y`. With `t_eval`, `every` or `events`,
-    ``r[5]`` is a member as a Result.
+    Columns have their names: ``r["q"]`` and ``r.q`` are that part of `y`, of "q[2]" both components. With `t_eval`,
+    `every` or `events`, ``r[5]`` is a member as a Result.
 
     Examples
     --------
@@ -117,6 +118,9 @@ class EnsembleResult:
 
     def __getitem__(self, which):
         if isinstance(which, str):
+            parts = vectors(self.names).get(which)
+            if parts:
+                return self.y[:, [self.names.index(part) for part in parts]]
             if which not in self.names:
                 raise KeyError(f"{which!r}{_toml.suggestion(which, self.names)}")
             return self.y[:, self.names.index(which)]
@@ -135,7 +139,7 @@ class EnsembleResult:
 
     def __getattr__(self, name: str):
         names = self.__dict__.get("names", [])
-        if name in names:
+        if name in names or name in vectors(names):
             return self[name]
         if name in _of_members:
             raise AttributeError(f"{name} belongs to each member: give t_eval, every or events, and take r[0].{name}")

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from . import _core, _toml
+from ._symbols import vectors
 
 
 class _Arrays:
@@ -138,9 +139,9 @@ class Result:
         What ``rubato run --json`` prints.
 
     Columns are found by name, ``r["x"]`` or ``r.x``: coordinates, momenta, fields, invariants, quantities; H is the
-    energy at the levels. Of an equation in psi, ``r.psi`` is complex; of a damped one ``r.u`` is the field as stated.
-    ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An attribute of the list above hides a column
-    of its name, which ``r["y"]`` still finds.
+    energy at the levels. Of "r[3]" ``r.r`` has the shape (3, len(t)). Of an equation in psi, ``r.psi`` is complex; of a
+    damped one ``r.u`` is the field as stated. ``r["/levels/gamma"]`` has any dataset by its path (docs/records.md). An
+    attribute of the list above hides a column of its name, which ``r["y"]`` still finds.
     """
 
     def __init__(self, source, problem, ending=None, *, file=None, names=()):
@@ -200,6 +201,11 @@ class Result:
                            ("step_potential", "/levels/step_potential")):
             if path in self._info:
                 columns.setdefault(name, (path, None))
+        if not self._problem.is_lattice:
+            for names in (self._problem.q, self._problem.p, self._problem.q_dot):
+                for vector, parts in vectors(names).items():
+                    if all(part in columns for part in parts):
+                        columns.setdefault(vector, (columns[parts[0]][0], [columns[part][1] for part in parts]))
         return columns
 
     def _unknown(self, name: str, rate: float, re: list, im: list):
@@ -221,7 +227,7 @@ class Result:
             if path is None:
                 return self._unknown(name, *place)
             values = self._read(path)
-            return values if place is None else values[:, place]
+            return values if place is None else values[:, place].T
         if name in self._info:
             return self._read(name)
         if name == "t":

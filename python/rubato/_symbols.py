@@ -367,6 +367,7 @@ def formula(symbol: Symbol, prefix: str = "part_") -> tuple:
 
 
 _VECTOR = re.compile(r"(\w+)\[(\d+)\](\w*)")
+_COMPONENT = re.compile(r"(\w*[^\W\d])(\d+)([^\W\d]*)")
 
 
 def stem(name: str) -> str:
@@ -383,6 +384,16 @@ def components(name: str) -> list:
     if "[" in name or "]" in name:
         raise ValueError(f"{name!r} declares no vector: write r[3] for r1, r2, r3")
     return [name]
+
+
+def vectors(names) -> dict:
+    """Returns the vectors whose components() are among the names: {"r": ["r1", "r2", "r3"]}."""
+    found: dict = {}
+    for name in names:
+        if match := _COMPONENT.fullmatch(name):
+            found.setdefault(match[1] + match[3], {})[int(match[2])] = name
+    return {vector: [parts[i + 1] for i in range(len(parts))] for vector, parts in found.items()
+            if len(parts) > 1 and max(parts) == len(parts) and min(parts) == 1 and vector not in names}
 
 
 def argument(name: str):

@@ -305,6 +305,24 @@ class Memory(unittest.TestCase):
         r = rb.integrate(vectors, [1, 0, 0, 1], (0, 1), step=0.1, scheme="midpoint")
         self.assertGreater(np.abs(r.r1 - np.cos(r.t)).max(), 1e-4)
 
+    def test_vectors_are_arrays_of_their_components(self):
+        two = rb.Hamiltonian("r[2]", "v[2]", "(v1^2 + v2^2)/2 + (r1^2 + r2^2)/2",
+                             invariants={"L": "r1*v2 - r2*v1"})
+        r = rb.integrate(two, [1, 0, 0, 1], (0, 1), step=0.1)
+        np.testing.assert_array_equal(r.r, r.y[:2])
+        np.testing.assert_array_equal(r["v"], r.y[2:])
+        self.assertEqual(r.L.shape, r.t.shape)
+        many = rb.integrate(two, np.array([[1, 0, 0, 1], [2, 0, 0, 1]]), (0, 1), step=0.1, t_eval=[0, 0.5, 1])
+        np.testing.assert_array_equal(many.v, many.y[:, 2:])
+        stated = rb.Lagrangian("r[2]", lambda r, r_dot: r_dot @ r_dot / 2 - r @ r / 2)
+        r = rb.integrate(stated, [1, 0, 0, 1], (0, 1), step=0.1)
+        np.testing.assert_array_equal(r.r_dot, r.y[2:])
+        # Names that are numbered otherwise, and a name that is taken, are no vectors.
+        plain = rb.Hamiltonian("x1 x3 y1 y", "a b c d", "(a^2 + b^2 + c^2 + d^2)/2 + x1^2 + x3^2 + y1^2 + y^2")
+        r = rb.integrate(plain, [1, 0, 0, 1, 0, 0, 0, 0], (0, 1), step=0.1)
+        self.assertNotIn("x", r)
+        np.testing.assert_array_equal(r["y"], r.y[3])
+
     def test_velocities_are_read_everywhere(self):
         heavy = rb.Lagrangian("q", lambda q, q_dot: 3 * (q_dot ** 2 / 2 + np.cos(q)))  # p = 3 q'
         light = rb.Hamiltonian("q", "p", lambda q, p: p ** 2 / 2 - np.cos(q))
