@@ -107,14 +107,19 @@ bool Grid::has_ghosts() const {
   return std::ranges::any_of(axes_, [](const Axis& axis) { return axis.ghosts > 0; });
 }
 
+double Axis::weight(std::size_t i) const {
+  if (left == End::periodic) {
+    return 1.0;
+  }
+  const std::ptrdiff_t at = place(i), last = static_cast<std::ptrdiff_t>(cell_count());
+  return at < 0 || at > last ? 0.0 : at == 0 || at == last ? 0.5 : 1.0;
+}
+
 double Grid::weight(std::size_t node) const {
   const auto at = place(node);
   double weight = 1.0;
   for (std::size_t a = 0; a < axes_.size(); ++a) {
-    if (axes_[a].left != End::periodic) {
-      const std::ptrdiff_t i = axes_[a].place(at[a]), last = static_cast<std::ptrdiff_t>(axes_[a].cell_count());
-      weight *= i < 0 || i > last ? 0.0 : i == 0 || i == last ? 0.5 : 1.0;
-    }
+    weight *= axes_[a].weight(at[a]);
   }
   return weight;
 }

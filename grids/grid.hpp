@@ -53,6 +53,8 @@ struct Axis {
   }
   [[nodiscard]] bool is_on_wall(std::size_t i) const { return is_on_wall(i, false) || is_on_wall(i, true); }
   ///@}
+  /// The part of its cell that node i has in sums: one half on a wall, 0 of a ghost.
+  [[nodiscard]] double weight(std::size_t i) const;
   [[nodiscard]] double length() const { return to - from; }
   [[nodiscard]] double spacing() const { return (to - from) / static_cast<double>(cell_count()); }
   [[nodiscard]] double node(std::size_t i) const { return from + folded(number(i)) * spacing(); }
@@ -92,7 +94,7 @@ public:
   [[nodiscard]] double volume() const;
   [[nodiscard]] bool has_walls() const;
   [[nodiscard]] bool has_ghosts() const;
-  /// The part of its cell that a node has in sums: one half for each wall that it is on, 0 for ghosts of walls.
+  /// The product of those along each axis.
   [[nodiscard]] double weight(std::size_t node) const;
 
   [[nodiscard]] std::size_t index(std::size_t i, std::size_t j = 0, std::size_t k = 0) const {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <iterator>
+#include <limits>
 #include <type_traits>
 
 #include <rubato/base/lanes.hpp>
@@ -135,12 +136,30 @@ double sum(std::span<const double> values) {
       .value();
 }
 
-double max_abs(std::span<const double> values) {
-  const ReductionBlocks pieces(values.size());
-  if (pieces.blocks == 1 && Slab::of(values.size()) == nullptr) {
+namespace {
+
+/// largest_in_vectors() of all pieces; NaN where a value is not finite.
+template <bool has_second>
+double largest_of_pieces(const double* a, const double* b, std::size_t count) {
+  const ReductionBlocks pieces(count);
+  std::array<double, ReductionBlocks::most> partial;
+  for_each_block(count, pieces.block, [&](std::size_t begin, std::size_t end) {
     double poison = 0.0;
-    const double largest = largest_magnitude(values.data(), values.size(), poison);
-    if (poison == 0.0) {
+    const double largest = largest_in_vectors<has_second>(a + begin, has_second ? b + begin : b, end - begin, poison);
+    partial[begin / pieces.block] = poison == 0.0 ? largest : std::numeric_limits<double>::quiet_NaN();
+  });
+  double largest = 0.0;
+  for (std::size_t i = 0; i < pieces.blocks && largest == largest; ++i) {
+    largest = partial[i] > largest || partial[i] != partial[i] ? partial[i] : largest;
+  }
+  return largest;
+}
+
+}  // namespace
+
+double max_abs(std::span<const double> values) {
+  if (Slab::of(values.size()) == nullptr) {
+    if (const double largest = largest_of_pieces<false>(values.data(), nullptr, values.size()); largest == largest) {
       return largest;
     }
   }
@@ -148,11 +167,8 @@ double max_abs(std::span<const double> values) {
 }
 
 double max_abs_difference(std::span<const double> a, std::span<const double> b) {
-  const ReductionBlocks pieces(a.size());
-  if (pieces.blocks == 1 && Slab::of(a.size()) == nullptr) {
-    double poison = 0.0;
-    const double largest = largest_in_vectors<true>(a.data(), b.data(), a.size(), poison);
-    if (poison == 0.0) {
+  if (Slab::of(a.size()) == nullptr) {
+    if (const double largest = largest_of_pieces<true>(a.data(), b.data(), a.size()); largest == largest) {
       return largest;
     }
   }

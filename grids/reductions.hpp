@@ -210,7 +210,7 @@ double max_abs_of(std::size_t count, F&& f) {
   return detail::max_abs_here(count, f);
 }
 
-/// The same of an array, in vectors where it is one block, with the same bits.
+/// The same of an array, in vectors, with the same bits.
 ///@{
 double sum(std::span<const double> values);
 double max_abs(std::span<const double> values);

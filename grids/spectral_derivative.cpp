@@ -13,8 +13,9 @@
 namespace rubato::grids {
 namespace {
 
-/// Neighbouring lines are fetched together: along y and z a cache line holds one value of each of eight.
-constexpr std::size_t together = 8;
+/// Neighbouring lines are fetched together: along y and z a cache line holds one value of each of eight, and four of
+/// them lie in one page.
+constexpr std::size_t together = 32;
 
 }  // namespace
 

@@ -1,7 +1,7 @@
 #include <rubato/pde/node_formula.hpp>
 
 #include <algorithm>
-#include <array>
+#include <functional>
 #include <iterator>
 #include <optional>
 #include <stdexcept>
@@ -9,12 +9,13 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <rubato/formula/batch.hpp>
+#include <rubato/formula/bytecode.hpp>
+#include <rubato/grids/buffer.hpp>
 #include <rubato/grids/fourier.hpp>
 #include <rubato/grids/local_polynomial.hpp>
-#include <rubato/grids/reductions.hpp>
-#include <rubato/grids/slab.hpp>
-#include <rubato/grids/weights.hpp>
+#include <rubato/grids/parallel.hpp>
+#include <rubato/variation/node_code.hpp>
+#include <rubato/variation/node_pass.hpp>
 
 namespace rubato {
 
@@ -31,35 +32,47 @@ struct Input {
 
 struct NodeFormula::Storage {
   std::shared_ptr<const formula::Graph> graph;
+  std::vector<formula::Expression> outputs;
   std::vector<std::string> fields, numbers;
   grids::Grid grid;
-  std::size_t outputs;
   std::vector<Input> inputs;
-  formula::BatchEvaluator evaluate;
+  std::vector<formula::Expression> variables;           ///< of the inputs
   std::optional<grids::SpectralDerivative> derivative;  ///< where one is needed
+  /// Made when they are first needed: the values at nodes, their sums, and the values at a point.
+  ///@{
+  std::optional<NodeCode> at_nodes;
+  std::optional<NodePass> sums;
+  std::optional<formula::ScalarEvaluator> at_point;
+  ///@}
 
-  Storage(std::shared_ptr<const formula::Graph> g, std::span<const formula::Expression> expressions,
+  Storage(std::shared_ptr<const formula::Graph> g, std::vector<formula::Expression> expressions,
           std::vector<std::string> names, const grids::Grid& on, std::vector<std::string> more)
-      : graph(std::move(g)), fields(std::move(names)), numbers(std::move(more)), grid(on), outputs(expressions.size()) {
+      : graph(std::move(g)),
+        outputs(std::move(expressions)),
+        fields(std::move(names)),
+        numbers(std::move(more)),
+        grid(on) {
     std::vector<std::size_t> found;
-    for (const formula::Expression expression : expressions) {
+    for (const formula::Expression& expression : outputs) {
       for (const std::size_t number : formula::variables_of(expression)) {
         if (std::ranges::find(found, number) == found.end()) {
           found.push_back(number);
         }
       }
     }
-    std::vector<formula::Expression> variables;
     for (const std::size_t number : found) {
       const std::string& name = graph->variable_name(number);
       inputs.push_back(understand(name));
       if (!inputs.back().derivatives.empty() && !derivative) {
         derivative.emplace(grid);
       }
-      // The graph makes no new node for a variable that it has.
-      variables.push_back(expressions.front().graph()->variable(name));
+      variables.push_back(known(name));
     }
-    evaluate = formula::BatchEvaluator(formula::Bytecode(expressions, variables));
+  }
+
+  /// The graph makes no new node for a variable that it has.
+  [[nodiscard]] formula::Expression known(const std::string& name) const {
+    return outputs.front().graph()->variable(name);
   }
 
   [[nodiscard]] Input understand(std::string name) const {
@@ -108,66 +121,89 @@ struct NodeFormula::Storage {
 
   /// A derivative of a field at every node, made in `room`; a field itself is where it is.
   [[nodiscard]] const double* values_of(const Input& input, std::span<const double* const> values,
-                                        const PotentialSlopes& slopes, std::vector<double>& room) const {
-    const double* const field = values[static_cast<std::size_t>(input.number)];
+                                        const PotentialSlopes& slopes, grids::Buffer& room) const {
+    const double* from = values[static_cast<std::size_t>(input.number)];
     if (input.derivatives.empty()) {
-      return field;
+      return from;
     }
-    room.assign(field, field + grid.size());
+    room = grids::Buffer(grid.size());
     for (const int axis : input.derivatives) {
       if (grid.axis(axis).has_walls()) {
-        grids::local_derivative(grid, axis, room.data(), room.data());
+        grids::local_derivative(grid, axis, from, room.data());
       } else {
-        (*derivative)(axis, room.data(), room.data());
+        (*derivative)(axis, from, room.data());
       }
+      from = room.data();
     }
-    if (input.derivatives == std::vector<int>{0}) {
-      for (std::size_t i = 0; i < room.size(); ++i) {
-        room[i] += slopes.at(input.number, i / grid.cells(0));
-      }
+    if (input.derivatives == std::vector<int>{0} && !slopes.of_field.empty()) {
+      grids::for_each_block(room.size(), grids::nodes_per_block, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+          room[i] += slopes.at(input.number, i / grid.cells(0));
+        }
+      });
     }
-    return room.data();
+    return from;
   }
 
-  static constexpr std::size_t block_nodes = grids::nodes_per_block;
-
-  /// Evaluates the formulas at the nodes of [first, end), a block at a time: place(begin) says where the values of
-  /// each go, used(begin, count) reads them.
-  template <class Place, class Use>
-  void in_blocks(std::span<const double* const> values, double t, const PotentialSlopes& slopes,
-                 std::span<const double> constants, std::size_t first, std::size_t end, const Place& place,
-                 const Use& used) {
-    std::vector<std::vector<double>> rooms(inputs.size());
-    std::vector<const double*> whole(inputs.size(), nullptr), in(inputs.size());
+  /// Arrays of a code are the inputs, its numbers t and the others.
+  [[nodiscard]] NodeCode code(std::span<const formula::Expression> formulas,
+                              std::span<const formula::Expression> weights = {}) const {
+    std::vector<NodeInput> of_code;
+    std::vector<PlaceNumbers> of_axes(static_cast<std::size_t>(grid.dimensions()));
+    for (int a = 0; a < grid.dimensions(); ++a) {
+      of_axes[static_cast<std::size_t>(a)].axis = a;
+      for (std::size_t i = 0; i < grid.cells(a); ++i) {
+        of_axes[static_cast<std::size_t>(a)].values.push_back(grid.axis(a).node(i));
+      }
+    }
     for (std::size_t j = 0; j < inputs.size(); ++j) {
-      const Input& input = inputs[j];
-      switch (input.kind) {
-        case Input::Kind::field: whole[j] = values_of(input, values, slopes, rooms[j]); break;
-        case Input::Kind::time: rooms[j].assign(block_nodes, t); break;
+      NodeInput& input = of_code.emplace_back();
+      input.variable = variables[j];
+      switch (inputs[j].kind) {
+        case Input::Kind::field: input.number = static_cast<int>(j); break;
+        case Input::Kind::time: input.kind = NodeInput::Kind::uniform; break;
         case Input::Kind::number:
-          rooms[j].assign(block_nodes, constants[static_cast<std::size_t>(input.number)]);
+          input.kind = NodeInput::Kind::uniform;
+          input.number = 1 + inputs[j].number;
           break;
-        case Input::Kind::axis: rooms[j].resize(block_nodes);
+        case Input::Kind::axis: input.kind = NodeInput::Kind::axis; input.number = inputs[j].number;
       }
     }
-    for (std::size_t begin = first; begin < end; begin += block_nodes) {
-      const std::size_t count = std::min(block_nodes, end - begin);
-      for (std::size_t j = 0; j < inputs.size(); ++j) {
-        const int axis = inputs[j].number;
-        for (std::size_t i = 0; inputs[j].kind == Input::Kind::axis && i < count; ++i) {
-          rooms[j][i] = grid.axis(axis).node((begin + i) / grid.stride(axis) % grid.cells(axis));
-        }
-        in[j] = whole[j] != nullptr ? whole[j] + begin : rooms[j].data();
+    for (std::size_t a = 0; a < weights.size(); ++a) {
+      NodeInput& input = of_code.emplace_back();
+      input.variable = weights[a];
+      input.kind = NodeInput::Kind::axis;
+      input.number = static_cast<int>(of_axes.size());
+      PlaceNumbers& weight = of_axes.emplace_back();
+      weight.axis = static_cast<int>(a);
+      for (std::size_t i = 0; i < grid.cells(weight.axis); ++i) {
+        weight.values.push_back(grid.axis(weight.axis).weight(i));
       }
-      evaluate(count, in, place(begin));
-      used(begin, count);
     }
+    return NodeCode(formulas, of_code, grid, std::move(of_axes));
+  }
+
+  /// Lets a code read a level, and evaluates what it is for.
+  void read_for(NodeCode& code, std::span<const double* const> values, double t, const PotentialSlopes& slopes,
+                std::span<const double> constants, const std::function<void()>& evaluate) const {
+    std::vector<grids::Buffer> rooms(inputs.size());
+    std::vector<const double*> arrays(inputs.size(), nullptr);
+    for (std::size_t j = 0; j < inputs.size(); ++j) {
+      if (inputs[j].kind == Input::Kind::field) {
+        arrays[j] = values_of(inputs[j], values, slopes, rooms[j]);
+      }
+    }
+    std::vector<double> all = {t};
+    all.insert(all.end(), constants.begin(), constants.end());
+    code.read(arrays, all, slopes);
+    evaluate();
   }
 };
 
 NodeFormula::NodeFormula(std::shared_ptr<const formula::Graph> graph, std::vector<formula::Expression> outputs,
                          std::vector<std::string> fields, const grids::Grid& grid, std::vector<std::string> numbers)
-    : storage_(std::make_unique<Storage>(std::move(graph), outputs, std::move(fields), grid, std::move(numbers))) {}
+    : storage_(std::make_unique<Storage>(std::move(graph), std::move(outputs), std::move(fields), grid,
+                                         std::move(numbers))) {}
 NodeFormula::~NodeFormula() = default;
 NodeFormula::NodeFormula(NodeFormula&&) noexcept = default;
 NodeFormula& NodeFormula::operator=(NodeFormula&&) noexcept = default;
@@ -176,13 +212,13 @@ std::vector<std::vector<double>> NodeFormula::operator()(std::span<const double*
                                                          const PotentialSlopes& slopes,
                                                          std::span<const double> numbers) {
   Storage& s = *storage_;
-  std::vector<std::vector<double>> results(s.outputs, std::vector<double>(s.grid.size()));
-  std::vector<double*> out(s.outputs);
-  const auto place = [&](std::size_t begin) -> std::span<double* const> {
-    std::ranges::transform(results, out.begin(), [begin](std::vector<double>& result) { return &result[begin]; });
-    return out;
-  };
-  s.in_blocks(values, t, slopes, numbers, 0, s.grid.size(), place, [](std::size_t, std::size_t) {});
+  if (!s.at_nodes) {
+    s.at_nodes = s.code(s.outputs);
+  }
+  std::vector<std::vector<double>> results(s.outputs.size(), std::vector<double>(s.grid.size()));
+  std::vector<double*> out;
+  std::ranges::transform(results, std::back_inserter(out), [](auto& result) { return result.data(); });
+  s.read_for(*s.at_nodes, values, t, slopes, numbers, [&] { (*s.at_nodes)(out); });
   return results;
 }
 
@@ -194,7 +230,8 @@ std::vector<std::vector<double>> NodeFormula::operator()(const LatticeLevel& lev
 std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, const grids::PointInterpolation& point,
                                           std::span<const double> numbers) {
   Storage& s = *storage_;
-  std::vector<double> inputs, room;
+  std::vector<double> inputs;
+  grids::Buffer room;
   for (const Input& input : s.inputs) {
     const auto number = static_cast<std::size_t>(input.number);
     switch (input.kind) {
@@ -206,48 +243,27 @@ std::vector<double> NodeFormula::at_point(const LatticeLevel& level, double t, c
             point(std::span(s.values_of(input, level.fields.pointers(), level.slopes, room), s.grid.size())));
     }
   }
-  std::vector<const double*> in;
-  for (const double& value : inputs) {
-    in.push_back(&value);
+  if (!s.at_point) {
+    s.at_point.emplace(formula::Bytecode(s.outputs, s.variables));
   }
-  std::vector<double> results(s.outputs);
-  std::vector<double*> out;
-  for (double& value : results) {
-    out.push_back(&value);
-  }
-  s.evaluate(1, in, out);
+  std::vector<double> results(s.outputs.size());
+  (*s.at_point)(inputs, results);
   return results;
 }
 
 std::vector<double> NodeFormula::integrals(const LatticeLevel& level, double t) {
   Storage& s = *storage_;
-  const grids::Slab* const slab = grids::Slab::of(s.grid);
-  const std::size_t first = slab == nullptr ? 0 : slab->first_node();
-  const std::size_t end = slab == nullptr ? s.grid.size() : first + slab->owned();
-  std::vector<std::array<double, Storage::block_nodes>> values(s.outputs);
-  std::vector<double*> out;
-  std::ranges::transform(values, std::back_inserter(out), [](auto& of_one) { return of_one.data(); });
-  std::vector<CompensatedSum> sums(s.outputs);
-  s.in_blocks(
-      level.fields.pointers(), t, level.slopes, {}, first, end,
-      [&](std::size_t) -> std::span<double* const> { return out; },
-      [&](std::size_t begin, std::size_t count) {
-        for (std::size_t j = 0; j < s.outputs; ++j) {
-          const auto terms = std::span<double>(values[j]).first(count);
-          if (s.grid.has_walls()) {
-            grids::weigh(s.grid, begin, terms);
-          }
-          grids::LaneSum sum;
-          sum.add(terms);
-          sums[j].add(sum.total());
-        }
-      });
-  std::vector<double> totals(s.outputs);
-  if (slab != nullptr) {
-    slab->reduce(sums, totals, {});
-  } else {
-    std::ranges::transform(sums, totals.begin(), &CompensatedSum::value);
+  if (!s.sums) {
+    std::vector<formula::Expression> weights, weighed = s.outputs;
+    for (int a = 0; s.grid.has_walls() && a < s.grid.dimensions(); ++a) {
+      weights.push_back(s.known(fmt::format("the weight along {}", s.grid.axis(a).name)));
+      std::ranges::transform(weighed, weighed.begin(), [&](const auto& one) { return one * weights.back(); });
+    }
+    s.sums.emplace(s.grid);
+    s.sums->add(s.code(weighed, weights), {});
   }
+  s.read_for(s.sums->code(0), level.fields.pointers(), t, level.slopes, {}, [&s] { (*s.sums)(0); });
+  std::vector<double> totals(s.sums->sums().begin(), s.sums->sums().end());
   for (double& total : totals) {
     total *= s.grid.cell_volume();
   }

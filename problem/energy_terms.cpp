@@ -3,6 +3,7 @@
 #include <array>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -25,8 +26,8 @@ FormulaTable make_energy_terms(const Problem& problem) {
   return {graph, terms, names};
 }
 
-std::vector<formula::Expression> energy_density_terms(const MultisymplecticSystem& system, const grids::Grid& grid,
-                                                      formula::Graph& graph) {
+std::vector<std::vector<formula::Expression>> energy_density_terms(const MultisymplecticSystem& system,
+                                                                   const grids::Grid& grid, formula::Graph& graph) {
   std::vector<formula::Expression> absent, zeros;
   for (int f = 0; f < system.field_count(); ++f) {
     if (system.structure().at_midpoints(f)) {
@@ -34,8 +35,8 @@ std::vector<formula::Expression> energy_density_terms(const MultisymplecticSyste
       zeros.push_back(graph.constant(0.0));
     }
   }
-  std::vector<formula::Expression> terms = formula::terms_of(
-      formula::substitute(std::array{system.expression()}, graph, absent, zeros).front(), formula::Products::expanded);
+  std::vector<std::vector<formula::Expression>> terms = {formula::terms_of(
+      formula::substitute(std::array{system.expression()}, graph, absent, zeros).front(), formula::Products::expanded)};
   for (int direction = 0; direction < system.directions(); ++direction) {
     const Eigen::MatrixXd& K = system.structure().K_plus[static_cast<std::size_t>(direction)];
     for (int a = 0; a < system.field_count(); ++a) {
@@ -43,7 +44,7 @@ std::vector<formula::Expression> energy_density_terms(const MultisymplecticSyste
         if (K(a, b) != 0.0 && !system.structure().at_midpoints(a) && !system.structure().at_midpoints(b)) {
           const auto name = [&](int field) { return system.fields()[static_cast<std::size_t>(field)]; };
           const std::string slope = fmt::format("d{}({})", grid.axis(direction).name, name(a));
-          terms.push_back(K(a, b) * graph.variable(slope) * graph.variable(name(b)));
+          terms.push_back({K(a, b) * graph.variable(slope) * graph.variable(name(b))});
         }
       }
     }
@@ -54,8 +55,10 @@ std::vector<formula::Expression> energy_density_terms(const MultisymplecticSyste
 std::vector<NodeFormula> make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid) {
   auto graph = std::make_shared<formula::Graph>();
   std::vector<NodeFormula> formulas;
-  for (const formula::Expression& term : energy_density_terms(system, grid, *graph)) {
-    formulas.emplace_back(graph, std::vector{term}, system.fields(), grid);
+  for (std::vector<formula::Expression>& terms : energy_density_terms(system, grid, *graph)) {
+    if (!terms.empty()) {
+      formulas.emplace_back(graph, std::move(terms), system.fields(), grid);
+    }
   }
   return formulas;
 }

@@ -11,12 +11,13 @@ namespace rubato {
 /// of p·q_dot - L.
 [[nodiscard]] FormulaTable make_energy_terms(const Problem& problem);
 
-/// The terms of the energy density of a lattice as expressions of `graph`; see the next.
-[[nodiscard]] std::vector<formula::Expression> energy_density_terms(const MultisymplecticSystem& system,
-                                                                    const grids::Grid& grid, formula::Graph& graph);
-/// The terms of the energy density S(z) + Σ z_{x_a}ᵀ K₊ z of a lattice (FieldStructure::K_plus). Fields that exist in
-/// the middle of steps only count as 0: multipliers drop out of the density. Each is a formula of its own, since
-/// derivatives that it reads take room while it is evaluated.
+/// The terms of the energy density S(z) + Σ z_{x_a}ᵀ K₊ z of a lattice (FieldStructure::K_plus), as expressions of
+/// `graph`: those of S, then each of the others by itself, since a derivative that it reads takes room while it is
+/// evaluated. Fields that exist in the middle of steps only count as 0: multipliers drop out of the density.
+[[nodiscard]] std::vector<std::vector<formula::Expression>> energy_density_terms(const MultisymplecticSystem& system,
+                                                                                 const grids::Grid& grid,
+                                                                                 formula::Graph& graph);
+/// A formula for each of these groups.
 [[nodiscard]] std::vector<NodeFormula> make_energy_terms(const MultisymplecticSystem& system, const grids::Grid& grid);
 
 }  // namespace rubato

@@ -6,6 +6,7 @@
 #include <exception>
 #include <iterator>
 #include <map>
+#include <numeric>
 #include <utility>
 
 #include <fmt/format.h>
@@ -561,8 +562,8 @@ NodeTable::NodeTable(const Problem& problem, const std::vector<NamedFormula>& fo
   if (frame && with_energy) {
     names_.emplace_back("laboratory_energy");
     formula::Expression energy = graph->constant(0.0);
-    for (const formula::Expression term : energy_density_terms(make_laboratory_system(problem), grid, *graph)) {
-      energy = energy + term;
+    for (const auto& terms : energy_density_terms(make_laboratory_system(problem), grid, *graph)) {
+      energy = std::accumulate(terms.begin(), terms.end(), energy);
     }
     outputs.push_back(energy);
   }

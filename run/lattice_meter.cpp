@@ -11,6 +11,7 @@
 #include <rubato/base/larger.hpp>
 #include <rubato/formula/branches.hpp>
 #include <rubato/grids/lines.hpp>
+#include <rubato/grids/parallel.hpp>
 #include <rubato/grids/reductions.hpp>
 #include <rubato/grids/whole.hpp>
 #include <rubato/pde/action_consistency.hpp>
@@ -120,17 +121,28 @@ LatticeMeter::Spectrum LatticeMeter::spectrum_of(int field, std::span<const doub
   const auto nodes = static_cast<double>(grid_.size());
   // About one of the values, so that what cancels is less than the power times the number of nodes.
   const double base = values.front();
-  grids::LaneSum sums, squares;
-  std::vector<double> line(grid_.cells(0));
-  for (const grids::Line& at : grids::lines_along(grid_, 0)) {
-    read_line(field, values, 0, at, line);
-    std::ranges::for_each(line, [base](double& value) { value -= base; });
-    sums.add(line);
-    squares.add_squares(line);
+  const std::vector<grids::Line> lines = grids::lines_along(grid_, 0);
+  const std::size_t n = grid_.cells(0), together = std::max<std::size_t>(1, 16 * grids::nodes_per_block / n);
+  std::vector<std::array<CompensatedSum, 2>> parts((lines.size() + together - 1) / together);  // values and squares
+  grids::for_each_block(lines.size(), together, [&](std::size_t begin, std::size_t end) {
+    grids::LaneSum sums, squares;
+    std::vector<double> line(n);
+    for (std::size_t number = begin; number < end; ++number) {
+      read_line(field, values, 0, lines[number], line);
+      std::ranges::for_each(line, [base](double& value) { value -= base; });
+      sums.add(line);
+      squares.add_squares(line);
+    }
+    parts[begin / together] = {sums.total(), squares.total()};
+  });
+  std::array<CompensatedSum, 2> total;
+  for (const auto& part : parts) {
+    total[0].add(part[0]);
+    total[1].add(part[1]);
   }
-  const double sum = sums.total().value();
+  const double sum = total[0].value();
   Spectrum spectrum{
-      .sum = sum + nodes * base, .power = std::max(0.0, nodes * squares.total().value() - sum * sum), .along = {}};
+      .sum = sum + nodes * base, .power = std::max(0.0, nodes * total[1].value() - sum * sum), .along = {}};
   double not_last = 1.0, not_alternating = 1.0;  // shares of the waves that are so along no axis
   for (int a = 0; a < grid_.dimensions(); ++a) {
     const std::vector<double>& along = spectrum.along.emplace_back(powers_along(a, field, values));

@@ -72,8 +72,9 @@ public:
 
   [[nodiscard]] std::span<const double> energy_term_values() override {
     energy_values_.clear();
-    for (NodeFormula& term : energy_terms_) {
-      energy_values_.push_back(term.integrals(lattice_.level(), t()).front());
+    for (NodeFormula& terms : energy_terms_) {
+      const std::vector<double> values = terms.integrals(lattice_.level(), t());
+      energy_values_.insert(energy_values_.end(), values.begin(), values.end());
     }
     return energy_values_;
   }

@@ -272,6 +272,13 @@ void ObservedRun::append_steps(RowSink& sink) {
   look_at(count - 1);
 }
 
+figures::Measures ObservedRun::final_measures() {
+  if (!final_ || final_->first != statistics_.steps) {
+    final_.emplace(statistics_.steps, meter_.measures_to(*simulation_, statistics_.steps));
+  }
+  return final_->second;
+}
+
 figures::Statistics ObservedRun::final_statistics() {
   figures::Statistics result = statistics_;
   result.errors = simulation_->errors();

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <rubato/figures/statistics.hpp>
@@ -44,7 +45,8 @@ public:
   ///@{
   [[nodiscard]] VerdictMeter& meter() { return meter_; }
   [[nodiscard]] const VerdictMeter& meter() const { return meter_; }
-  [[nodiscard]] figures::Measures final_measures() { return meter_.measures_to(*simulation_, statistics_.steps); }
+  /// Those up to the present level, which the record and the outcome have.
+  [[nodiscard]] figures::Measures final_measures();
   ///@}
   [[nodiscard]] const OffLawCauses& causes() const { return causes_; }
   [[nodiscard]] const record::Layout& layout() const { return layout_; }
@@ -116,6 +118,7 @@ private:
   LevelRows rows_;
   figures::Statistics statistics_;
   VerdictMeter meter_;
+  std::optional<std::pair<std::size_t, figures::Measures>> final_;  ///< final_measures() at the level of this number
   OffLawCauses causes_;
   bool may_stop_ = false;  ///< by an event
   std::vector<std::int64_t> numbers_of_states_;

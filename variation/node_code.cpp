@@ -56,6 +56,16 @@ void NodeCode::read(std::span<const grids::FieldSet* const> arrays, std::span<co
   for (const grids::FieldSet* part : arrays) {
     arrays_.insert(arrays_.end(), part->pointers().begin(), part->pointers().end());
   }
+  prepare(numbers, slopes);
+}
+
+void NodeCode::read(std::span<const double* const> arrays, std::span<const double> numbers,
+                    const PotentialSlopes& slopes) {
+  arrays_.assign(arrays.begin(), arrays.end());
+  prepare(numbers, slopes);
+}
+
+void NodeCode::prepare(std::span<const double> numbers, const PotentialSlopes& slopes) {
   numbers_.assign(numbers.begin(), numbers.end());
   slopes_ = &slopes;
   while (workspaces_.size() < static_cast<std::size_t>(grids::thread_count())) {

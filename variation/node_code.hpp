@@ -63,6 +63,7 @@ public:
   /// What evaluations read from now on: it has to stay there. Arrays are the fields of one set after those of the
   /// other.
   ///@{
+  void read(std::span<const double* const> arrays, std::span<const double> numbers, const PotentialSlopes& slopes);
   void read(std::span<const grids::FieldSet* const> arrays, std::span<const double> numbers,
             const PotentialSlopes& slopes);
   void read(std::initializer_list<const grids::FieldSet*> arrays, std::span<const double> numbers,
@@ -95,6 +96,8 @@ private:
     /// Makes all of a copy this number.
     void fill(std::size_t input, double value);
   };
+  /// The rest of read().
+  void prepare(std::span<const double> numbers, const PotentialSlopes& slopes);
   /// Lets the code read `count` nodes of a line.
   void place_inputs(Workspace& work, std::size_t line, std::size_t begin, std::size_t count) const;
 

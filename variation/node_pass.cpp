@@ -1,7 +1,6 @@
 #include <rubato/variation/node_pass.hpp>
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
 #include <rubato/grids/parallel.hpp>
@@ -69,12 +68,8 @@ void NodePass::clear_ghosts(std::span<double> values, std::size_t begin) const {
 }
 
 void NodePass::evaluate(Stage& stage, std::size_t thread, std::size_t begin, std::size_t end, CompensatedSum* sums) {
-  constexpr std::size_t most_sums = 16;
-  std::array<double*, most_sums> values{};
-  for (std::size_t k = 0; k < stage.sums; ++k) {
-    values[k] = scratch_[thread].data() + k * block_nodes;
-  }
-  stage.code.evaluate(thread, begin, end, stage.out, std::span(values).first(stage.sums));
+  const std::span<double* const> values = std::span(scratch_[thread].of_sum).first(stage.sums);
+  stage.code.evaluate(thread, begin, end, stage.out, values);
   for (std::size_t k = 0; k < stage.sums && sums != nullptr; ++k) {
     clear_ghosts({values[k], end - begin}, begin);
     grids::LaneSum sum;
@@ -91,7 +86,10 @@ void NodePass::evaluate_block(Stage& stage, std::size_t thread, std::size_t bloc
 void NodePass::operator()(std::size_t first_stage) {
   const auto threads = static_cast<std::size_t>(grids::thread_count());
   while (scratch_.size() < threads) {
-    scratch_.emplace_back(sums_.size() * block_nodes);
+    Scratch& one = scratch_.emplace_back(grids::Buffer(sums_.size() * block_nodes), std::vector<double*>());
+    for (std::size_t k = 0; k < sums_.size(); ++k) {
+      one.of_sum.push_back(one.values.data() + k * block_nodes);
+    }
   }
   const std::size_t lag = stages_.back().lag - stages_[first_stage].lag, share = blocks() / threads;
   if (slab_ != nullptr) {

@@ -70,7 +70,12 @@ private:
   const grids::Slab* slab_ = nullptr;
   std::vector<grids::NodeRange> ghosts_;  ///< of walls
   std::vector<Stage> stages_;
-  std::vector<grids::Buffer> scratch_;     ///< one for each thread: a block of each output that is not written
+  /// One thread's: a block of each output that is not written, and where these are.
+  struct Scratch {
+    grids::Buffer values;
+    std::vector<double*> of_sum;
+  };
+  std::vector<Scratch> scratch_;
   std::vector<CompensatedSum> of_blocks_;  ///< [block][sum]
   std::vector<CompensatedSum> totals_;
   std::vector<double> sums_;
