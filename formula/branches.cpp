@@ -1,6 +1,7 @@
 #include <rubato/formula/branches.hpp>
 
 #include <algorithm>
+#include <array>
 #include <numbers>
 
 #include <rubato/formula/loop.hpp>
@@ -85,6 +86,26 @@ bool have_one_branch(std::span<const Expression> formulas) {
   Graph graph;
   constexpr double scale = 0.5;
   return on_other_branches(formulas, graph, scale) == substitute(formulas, graph, {}, {});
+}
+
+bool is_piecewise(Expression formula, std::span<const Expression> variables) {
+  const auto names_some = [&](Expression e) {
+    const std::vector<std::size_t> named = variables_of(e);
+    return std::ranges::any_of(variables, [&](Expression variable) {
+      return std::ranges::binary_search(named, variables_of(variable).front());
+    });
+  };
+  Graph scratch;
+  const Expression any = scratch.variable("any");
+  return std::ranges::any_of(reachable(std::array{formula}), [&](NodeIndex index) {
+    const Node node = formula.graph()->node(index);
+    if (node.operation == Operation::constant || node.operation == Operation::variable) {
+      return false;
+    }
+    const bool two_sided = node.operation == Operation::min || node.operation == Operation::max;
+    return on_branch(node.operation, any, any).valid() &&
+           (names_some({formula.graph(), node.a}) || (two_sided && names_some({formula.graph(), node.b})));
+  });
 }
 
 std::vector<ScalarEvaluator> evaluators_on_branches(std::span<const Expression> formulas,

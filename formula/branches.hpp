@@ -25,6 +25,10 @@ namespace rubato::formula {
 /// True if the formulas are the same on all branches and at any scale.
 [[nodiscard]] bool have_one_branch(std::span<const Expression> formulas);
 
+/// True if a formula has a piecewise function of some of the variables: |x|, max(x, y), where(x > 0, …). Derivatives
+/// that are constants then are so on each piece alone.
+[[nodiscard]] bool is_piecewise(Expression formula, std::span<const Expression> variables);
+
 /// Scales to look at one after the other: with the second exp(-1000 (x - 9)²) is not lost to underflow.
 inline constexpr std::array branch_scales = {1.0, 1e-5};
 

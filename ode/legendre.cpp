@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <rubato/base/limits.hpp>
+#include <rubato/formula/branches.hpp>
 #include <rubato/ode/tuning.hpp>
 
 namespace rubato {
@@ -192,11 +193,13 @@ std::vector<formula::Expression> mass_formulas(formula::Expression L, std::span<
   const formula::Expression zero = L.graph()->constant(0.0);
   std::vector<formula::Expression> masses(n * n, zero);
   const std::vector<formula::Expression> still(n, zero);
+  bool is_quadratic = !formula::is_piecewise(L, q_dot);
   for (const formula::HessianEntry& entry : formula::hessian_entries(L, q_dot)) {
-    if (formula::substitute(entry.value, q_dot, still) != entry.value) {
-      throw std::invalid_argument("L is not quadratic in the velocities, and H(q, p) is then no formula");
-    }
+    is_quadratic = is_quadratic && formula::substitute(entry.value, q_dot, still) == entry.value;
     masses[entry.row * n + entry.column] = masses[entry.column * n + entry.row] = entry.value;
+  }
+  if (!is_quadratic) {
+    throw std::invalid_argument("L is not quadratic in the velocities, and H(q, p) is then no formula");
   }
   return masses;
 }

@@ -50,9 +50,11 @@ SecondVariation::SecondVariation(SegmentEquation& segments, const NodesOfOrbit& 
     if (!legendre_) {
       continue;
     }
-    first_.push_back(symmetric_part(solve::product(*inverse, S->topLeftCorner(n, n))));
-    last_.push_back(symmetric_part(solve::product(S->bottomRightCorner(n, n), *inverse)));
-    mixed_.push_back(-*inverse);
+    // Backward in time the action is that forward with the other sign.
+    const double sign = orbit.h[k] < 0.0 ? -1.0 : 1.0;
+    first_.push_back(sign * symmetric_part(solve::product(*inverse, S->topLeftCorner(n, n))));
+    last_.push_back(sign * symmetric_part(solve::product(S->bottomRightCorner(n, n), *inverse)));
+    mixed_.push_back(-sign * *inverse);
   }
 }
 

@@ -4,6 +4,8 @@
 #include <unordered_map>
 #include <vector>
 
+#include <rubato/formula/branches.hpp>
+
 namespace rubato {
 
 namespace {
@@ -94,9 +96,10 @@ Separation separate(const Hamiltonian& hamiltonian) {
 }
 
 bool is_quadratic(Expression T, std::span<const Expression> momenta) {
-  return std::ranges::all_of(formula::hessian_entries(T, momenta), [](const formula::HessianEntry& second) {
-    return second.value.is_constant() || formula::variables_of(second.value).empty();
-  });
+  return !formula::is_piecewise(T, momenta) &&
+         std::ranges::all_of(formula::hessian_entries(T, momenta), [](const formula::HessianEntry& second) {
+           return second.value.is_constant() || formula::variables_of(second.value).empty();
+         });
 }
 
 }  // namespace rubato

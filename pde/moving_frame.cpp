@@ -122,7 +122,7 @@ void fit_frame(const MultisymplecticSystem& system, const grids::Grid& grid, con
   }
   const grids::SpectralDerivative derivative(grid);
   for (int f = 0; f < d; ++f) {
-    if (system.M().col(f).isZero() || system.structure().potential[static_cast<std::size_t>(f)] ||
+    if (system.M().col(f).isZero(0.0) || system.structure().potential[static_cast<std::size_t>(f)] ||
         system.structure().at_midpoints(f)) {
       continue;
     }

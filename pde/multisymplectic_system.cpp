@@ -1,13 +1,16 @@
 #include <rubato/pde/multisymplectic_system.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <stdexcept>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <rubato/formula/branches.hpp>
 #include <rubato/formula/parse.hpp>
 #include <rubato/formula/rounding.hpp>
 #include <rubato/formula/sum.hpp>
@@ -191,17 +194,23 @@ void MultisymplecticSystem::compile() {
   }
   source_ = std::make_shared<const formula::Bytecode>(sources_, variables_);
   const auto upper = formula::hessian_upper(S_, z);
+  std::vector<bool> is_piecewise;
+  std::ranges::transform(z, std::back_inserter(is_piecewise), [this](const formula::Expression& field) {
+    return formula::is_piecewise(S_, std::array{field});
+  });
   const int d = field_count();
   constant_hessian_ = Eigen::MatrixXd::Zero(d, d);
   std::size_t next = 0;
   for (int i = 0; i < d; ++i) {
     for (int j = i; j < d; ++j) {
       const formula::Expression entry = upper[next++];
-      if (entry.is_constant()) {
+      // |u| has a slope that changes where u = 0, and a second derivative that is 0 on either side.
+      const bool has_pieces = is_piecewise[static_cast<std::size_t>(i)] && is_piecewise[static_cast<std::size_t>(j)];
+      if (entry.is_constant() && !has_pieces) {
         constant_hessian_(i, j) = constant_hessian_(j, i) = entry.constant_value();
       } else {
         varying_.push_back({i, j});
-        if (depends_on(*graph_, entry, fields_)) {
+        if (has_pieces || depends_on(*graph_, entry, fields_)) {
           nonlinear_.push_back({i, j});
         }
         outputs.push_back(entry);

@@ -54,7 +54,7 @@ public:
   void set_time(double t) override { inner_->set_time(t); }
 
   [[nodiscard]] Status advance(double h, double accuracy) override {
-    damping_(level_, 0.5 * h, start_);
+    damping_(level_, 0.5 * std::abs(h), start_);
     iterations_ += inner_->iterations();
     inner_->stand(start_, foreseen(h), h);
     lost_before_ = energy_ - energy_of(start_);
@@ -82,7 +82,7 @@ public:
     const LatticeLevel& arrived = inner_->level();
     set_increment(start_, arrived);
     last_h_ = trial_h_;
-    damping_(arrived, 0.5 * trial_h_, level_);
+    damping_(arrived, 0.5 * std::abs(trial_h_), level_);
     lost_ += lost_before_ + energy_of(arrived);
     energy_ = energy_of(level_);
     lost_ -= energy_;
@@ -154,8 +154,8 @@ public:
   [[nodiscard]] const LawTables& tables() const override { return inner_->tables(); }
   std::vector<Spread> residuals(const LatticeLevel& before, const LatticeLevel& after, double h,
                                 std::span<double* const> residuals) override {
-    damping_(before, 0.5 * h, before_);
-    damping_(after, -0.5 * h, after_);
+    damping_(before, 0.5 * std::abs(h), before_);
+    damping_(after, -0.5 * std::abs(h), after_);
     return inner_->residuals(before_, after_, h, residuals);
   }
   std::vector<double> totals(const LatticeLevel& level) override { return inner_->totals(level); }
@@ -187,8 +187,8 @@ public:
 
 private:
   const LatticeLevel& undamped(const LatticeLevel& before, const LatticeLevel& after, double h) {
-    damping_(before, 0.5 * h, before_);
-    damping_(after, -0.5 * h, after_);
+    damping_(before, 0.5 * std::abs(h), before_);
+    damping_(after, -0.5 * std::abs(h), after_);
     return before_;
   }
   StepLaw with_loss(StepLaw law, const LatticeLevel& before) {
@@ -350,9 +350,9 @@ void SpongeDamping::operator()(const LatticeLevel& level, double time, LatticeLe
 
 double SpongeLoss::of_step(const LatticeLevel& before, const LatticeLevel& after, double h) {
   const auto energy = [this](const LatticeLevel& level) { return equation_->node(level).energy; };
-  damping_(before, 0.5 * h, damped_);
+  damping_(before, 0.5 * std::abs(h), damped_);
   const double lost = energy(before) - energy(damped_);
-  damping_(after, -0.5 * h, damped_);
+  damping_(after, -0.5 * std::abs(h), damped_);
   return lost + (energy(damped_) - energy(after));
 }
 

@@ -37,9 +37,9 @@ private:
 };
 
 /// The damping of levels: fields with an equation of motion times exp(-time σ), but for what walls hold, the others by
-/// LatticeMethod::constrained_fields(). A step of length h with a sponge is symmetric:
+/// LatticeMethod::constrained_fields(). A step of length h with a sponge, in either direction of time:
 ///
-///     z_{k+1} = D ψ_h(D z_k),   D = exp(-½hσ)
+///     z_{k+1} = D ψ_h(D z_k),   D = exp(-½|h|σ)
 class SpongeDamping {
 public:
   /// \param method the one of ψ_h

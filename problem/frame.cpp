@@ -54,7 +54,7 @@ void refuse_turning_jumps(const MultisymplecticProblem& pde, const std::string& 
   for (const GridAxis& axis : pde.axes) {
     for (const StatedJump& jump : axis.jumps) {
       const auto f = std::ranges::find(pde.fields, jump.field) - pde.fields.begin();
-      if (!B.row(f).isZero() || !B.col(f).isZero()) {
+      if (!B.row(f).isZero(0.0) || !B.col(f).isZero()) {
         throw ProblemError(location, fmt::format("{} turns the field {}, which jumps: leave phase or the jump out",
                                                  symmetry, jump.field));
       }

@@ -540,7 +540,7 @@ std::vector<formula::Expression> at_moving_nodes(const MovingFrame& frame, const
 bool is_stored_alone(const MultisymplecticSystem& system, int field, const std::vector<std::string>& exact) {
   return std::ranges::any_of(mixed_fields(system.turns(), field), [&](int f) {  // which whole fields are made of
     const std::string& name = system.fields()[static_cast<std::size_t>(f)];
-    return (!system.M().row(f).isZero() && !system.structure().at_midpoints(f)) ||
+    return (!system.M().row(f).isZero(0.0) && !system.structure().at_midpoints(f)) ||
            std::ranges::find(exact, name) != exact.end();
   });
 }

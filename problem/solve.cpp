@@ -10,6 +10,7 @@
 
 #include <rubato/formula/parse.hpp>
 #include <rubato/ode/orbit_methods.hpp>
+#include <rubato/problem/broken_term.hpp>
 #include <rubato/problem/orbit_problem.hpp>
 #include <rubato/problem/reader.hpp>
 #include <rubato/problem/solve_entries.hpp>
@@ -422,6 +423,27 @@ void build_conditions(const Problem& problem, formula::Graph& graph, std::vector
   }
 }
 
+/// \throws ProblemError where a jump of an orbit that closes changes H
+void check_jump(const Problem& problem) {
+  const StatedSolve& solve = *problem.solve;
+  const HamiltonianProblem& orbit = *problem.hamiltonian();
+  const std::vector<std::string> names = orbit.names();
+  const ImageOfVariable image = [&](const std::string& name, const ValueOfVariable& value) {
+    const auto at = std::ranges::find(names, name);
+    return value(name) + (at == names.end() ? 0.0 : solve.jump[static_cast<std::size_t>(at - names.begin())]);
+  };
+  formula::Graph graph;
+  if (solve.jump.empty()) {
+    return;
+  }
+  if (const auto broken = find_broken_term(problem.build(orbit.statement(), graph, orbit.formula_names()), image)) {
+    throw ProblemError(solve.ends_location,
+                       fmt::format("{} has to be the same at both ends, and jump changes its term {} (from {:.6g} to "
+                                   "{:.6g} at some place). Give a jump that leaves it as it is, or leave jump out",
+                                   orbit.L ? "L" : "H", broken->term, broken->before, broken->after));
+  }
+}
+
 /// \throws ProblemError where a number of the problem, other than the guess, follows from the parameter
 void refuse_dependants(const Problem& problem, const std::string& parameter) {
   const Parameter& own = *problem.parameters.find(parameter);
@@ -468,6 +490,7 @@ EndConditions make_end_conditions(const Problem& problem, const Hamiltonian& ham
       throw ProblemError(solve.ends_location, error.what());
     }
   }
+  check_jump(problem);
   auto graph = std::make_shared<formula::Graph>();
   std::vector<formula::Expression> variables, values;
   std::vector<std::string> texts;

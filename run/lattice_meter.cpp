@@ -77,7 +77,7 @@ LatticeMeter::LatticeMeter(const Problem& problem, const MultisymplecticSystem& 
                            const LatticeLevel& first, const Mirrors* mirrors)
     : system_(system), mirrors_(mirrors), grid_(mirrors == nullptr ? grid : mirrors->ring()) {
   for (int f = 0; f < system.field_count(); ++f) {
-    moves_.push_back(!system.M().row(f).isZero() && !system.structure().at_midpoints(f));
+    moves_.push_back(!system.M().row(f).isZero(0.0) && !system.structure().at_midpoints(f));
   }
   is_driven_ = problem.multisymplectic()->has_drives();
   const Scheme& scheme = problem.scheme;
@@ -338,21 +338,21 @@ void LatticeMeter::measure_turn(const std::vector<Spectrum>& spectra, const std:
 void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<bool>& counts, double t, bool is_start,
                                   figures::Measures& measures) {
   std::vector<double> line;
-  const auto look_at = [&](int field, std::span<const double> values) {
+  const auto look_at = [&](int field, std::span<const double> values, bool is_force) {
+    // A wall that drives a field is no mirror of it, and a force of place ends at a wall: nothing has to close there.
+    const auto is_open = [&](int axis) {
+      const grids::Axis& along = grid_.axis(axis);
+      return (is_driven_ || is_force) && (along.left != grids::End::periodic || along.mirrored > 0);
+    };
     const double largest = grids::max_abs(values);
     const auto broken = find_seam_break(grid_, largest, [&](int axis, const UseOfLine& use) {
       line.resize(grid_.cells(axis));
-      for (const grids::Line& at : grids::lines_along(grid_, axis)) {
+      for (const grids::Line& at : is_open(axis) ? std::vector<grids::Line>() : grids::lines_along(grid_, axis)) {
         read_line(field, values, axis, at, line);
         use(line, at.first);
       }
     });
-    const auto is_driven = [this](int axis) {
-      const grids::Axis& along = grid_.axis(axis);
-      return is_driven_ && (along.left != grids::End::periodic || along.mirrored > 0);
-    };
-    // A wall that drives a field is no mirror of it, so that nothing has to close there.
-    if (broken && !is_driven(broken->axis)) {
+    if (broken) {
       const double slope = broken->jump ? 1.0 : grid_.spacing(broken->axis);
       const double share = std::abs(broken->across) * slope / largest;
       measures.period = measures.period >= share ? measures.period : share;
@@ -361,7 +361,7 @@ void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<b
   if (is_start) {
     for (int f = 0; f < system_.field_count(); ++f) {
       if (counts[static_cast<std::size_t>(f)]) {
-        look_at(f, level.fields.field(f));
+        look_at(f, level.fields.field(f), false);
       }
     }
   }
@@ -369,7 +369,7 @@ void LatticeMeter::measure_period(const LatticeLevel& level, const std::vector<b
     const std::vector<std::vector<double>> slopes = (*gradient_)(level, t);
     for (std::size_t f = 0; f < slopes.size(); ++f) {
       if (counts[f] || !moves_[f]) {
-        look_at(static_cast<int>(f), slopes[f]);
+        look_at(static_cast<int>(f), slopes[f], true);
       }
     }
   }

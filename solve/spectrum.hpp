@@ -12,7 +12,8 @@ struct Eigenvectors {
   Eigen::VectorXcd values;
   Eigen::MatrixXcd vectors;  ///< of length 1, a column for each
 };
-/// The eigenvalues and eigenvectors of a real square matrix; NaN if an entry is not finite.
+/// The eigenvalues and eigenvectors of a real square matrix, of which rows and columns may have units of their own; NaN
+/// if an entry is not finite.
 [[nodiscard]] Eigenvectors eigenvectors(const Eigen::MatrixXd& A);
 
 /// Returns max |λ| over the eigenvalues λ of A: to about 1e-8 where they are multiple. NaN if an entry is not finite.

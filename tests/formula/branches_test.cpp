@@ -69,3 +69,20 @@ TEST_CASE("formulas without pieces and fast growth have one branch", "[formula]"
     CHECK_FALSE(has_one(other));
   }
 }
+
+TEST_CASE("a function in pieces is one of the variables that its pieces go by", "[formula]") {
+  const auto has_pieces_of = [](const std::string& text, const char* name) {
+    Graph graph;
+    const Expression formula = parse(text, graph, std::array<std::string, 2>{"x", "y"});
+    return is_piecewise(formula, std::array{graph.variable(name)});
+  };
+  for (const std::string text : {"abs(x)", "y*sign(x)", "min(y, x)", "max(x, 1)", "floor(x - 1)*y",
+                                 "where(x > 0, y, 0)", "sqrt(1 + abs(x + y))"}) {
+    INFO(text);
+    CHECK(has_pieces_of(text, "x"));
+  }
+  for (const std::string text : {"abs(y) + x^2", "where(y > 0, x, 0)", "x*sign(y)", "exp(x)*y", "cosh(x)"}) {
+    INFO(text);
+    CHECK_FALSE(has_pieces_of(text, "x"));
+  }
+}

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <filesystem>
 #include <numbers>
 
@@ -391,6 +392,46 @@ TEST_CASE("solve: the record of a periodic lattice is that of a run that closes,
     REQUIRE(run_with_scales(lattice_with({}), {.output = guess}, scales).status == ExitStatus::done);
     CHECK(check(guess).status == (is_called_solution ? ExitStatus::contradiction : ExitStatus::done));
   }
+}
+
+TEST_CASE("solve: multipliers do not depend on the unit of momenta, nor the index on the direction of time") {
+  const std::vector<std::string> common = {"solve.ends=periodic", "scheme.lagrangian=gauss", "scheme.stages=3",
+                                           "initial.q=1"};
+  const auto solved = [&](std::vector<std::string> more) {
+    more.insert(more.end(), common.begin(), common.end());
+    SolveOutcome outcome = solve_problem(problem_with(more), {});
+    REQUIRE(outcome.status == ExitStatus::done);
+    return outcome;
+  };
+  for (const char* m : {"1", "1e-20", "1e15"}) {
+    INFO(m);
+    const SolveOutcome outcome = solved({fmt::format("parameters.m={}", m), "hamiltonian.H=m*((p/m)^2/2 - cos(q))",
+                                         "parameters.E=-0.2*m", "scheme.until=7"});
+    REQUIRE(outcome.multipliers.size() == 2);
+    for (const std::complex<double>& multiplier : outcome.multipliers) {
+      CHECK(std::abs(multiplier - 1.0) < 1e-6);  // double, so to the root of what its matrix is off by
+    }
+  }
+  const SolveOutcome forward = solved({"scheme.until=7"}), backward = solved({"scheme.step=-0.1", "scheme.until=-7"});
+  REQUIRE(forward.index.has_value());
+  CHECK(forward.index == std::optional<std::size_t>(1));
+  CHECK(backward.index == forward.index);
+}
+
+TEST_CASE("solve: a jump of an orbit that closes leaves H as it is") {
+  const auto message = [&](const std::string& jump) -> std::string {
+    try {
+      static_cast<void>(
+          solve_problem(problem_with({"solve.ends=periodic", "solve.energy=2", "initial.q=0", "initial.p=2.5",
+                                      "scheme.until=2.6", "solve.jump={ q = " + jump + " }"}),
+                        {}));
+    } catch (const ProblemError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  CHECK(message("2*pi").empty());
+  CHECK_THAT(message("3"), Catch::Contains("H has to be the same at both ends") && Catch::Contains("cos(q)"));
 }
 
 TEST_CASE("solve: a lattice of few steps, whose breather is another one with half the step, is not good") {

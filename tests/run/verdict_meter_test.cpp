@@ -240,3 +240,64 @@ TEST_CASE("findings of members are gathered, and come back from a checkpoint") {
   restored.add_to(other, "members");
   CHECK(one.str() == other.str());
 }
+
+TEST_CASE("how full a spectrum is does not depend on the unit of the action") {
+  const auto waves = [](const std::string& unit, const std::string& width) {
+    const std::string text = R"toml(
+[field]
+L = "unit*(u_t^2/2 - u_x^2/2 - (1 - cos(u)))"
+fields = ["u"]
+[parameters]
+unit = 1
+width = 1
+[grid]
+x = { from = -20, to = 20, cells = 61 }
+[initial]
+u = "4*exp(-3*(x/width)^2)"
+u_t = 0
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.05
+until = 0.5
+)toml";
+    return run(parse_problem(text, "pulse.toml",
+                             std::vector<std::string>{"parameters.unit=" + unit, "parameters.width=" + width}),
+               {})
+        .statistics.measures.waves;
+  };
+  const double expected = waves("1", "1");
+  CHECK(expected > 0.01);
+  for (const char* unit : {"1e-12", "1e-30", "1e20"}) {
+    INFO(unit);
+    CHECK(waves(unit, "1") == Approx(expected).epsilon(1e-9));
+  }
+  CHECK(waves("1e-30", "8") < 1e-3 * expected);  // the twin: a pulse that the grid resolves
+}
+
+TEST_CASE("a force of place between walls has no period to close on") {
+  const auto period = [](const std::string& ends) {
+    const std::string text = R"toml(
+[field]
+L = "u_t^2/2 - u_x^2/2 - u^2/2 - 0.1*u^4 - 0.05*u*(x + 1)^2"
+fields = ["u"]
+[grid]
+x = { from = -8, to = 2, cells = 101 }
+[initial]
+u = "1.2*exp(-(x + 2.3)^2)"
+u_t = 0
+[scheme]
+lagrangian = "leapfrog"
+levels = "fixed"
+step = 0.05
+until = 0.5
+)toml";
+    return run(parse_problem(text, "string.toml",
+                             std::vector<std::string>{"grid.x.left=" + ends, "grid.x.right=" + ends}),
+               {})
+        .statistics.measures.period;
+  };
+  CHECK_FALSE(period("fixed") > 0.01);
+  CHECK_FALSE(period("free") > 0.01);
+  CHECK(period("periodic") > 0.1);  // the twin
+}

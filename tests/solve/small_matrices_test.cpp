@@ -8,6 +8,7 @@
 #include <catch2/catch.hpp>
 
 #include <rubato/solve/small_matrices.hpp>
+#include <rubato/solve/spectrum.hpp>
 
 using namespace rubato;
 using Complex = std::complex<double>;
@@ -59,4 +60,21 @@ TEST_CASE("the exponential of a small matrix is that of its eigenvalues") {
   const MatrixXcd A = random_matrix(5, 9);
   CHECK((solve::exponential_of(A) * solve::exponential_of(-A) - MatrixXcd::Identity(5, 5)).norm() < 1e-12);
   CHECK((solve::exponential_of(A) * solve::exponential_of(A) - MatrixXcd::Identity(5, 5)).norm() > 0.1);
+}
+
+TEST_CASE("eigenvalues do not depend on the units of rows and columns") {
+  // Of a turn by an angle, of a position and a momentum in units that are far apart.
+  const double c = std::cos(0.3), s = std::sin(0.3);
+  for (const double unit : {1.0, 1e-10, 1e20}) {
+    INFO(unit);
+    Eigen::MatrixXd A(4, 4);
+    A << c, 0, s / unit, 0, 0, 2, 0, 1 / unit, -s * unit, 0, c, 0, 0, unit, 0, 1;
+    const solve::Eigenvectors eigen = solve::eigenvectors(A);
+    const auto nearest = [&](std::complex<double> to) { return (eigen.values.array() - to).abs().minCoeff(); };
+    CHECK(nearest({c, s}) < 1e-14);
+    CHECK(nearest({1.5 + std::sqrt(1.25), 0.0}) < 1e-14);
+    const Eigen::MatrixXcd rest = A * eigen.vectors - eigen.vectors * eigen.values.asDiagonal();
+    CHECK((rest.array().abs() <= 1e-14 * (A.cwiseAbs() * eigen.vectors.cwiseAbs()).array().abs()).all());
+    CHECK(nearest({c, -2.0 * s}) > 0.1);  // the twin
+  }
 }
