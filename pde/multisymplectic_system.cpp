@@ -194,23 +194,23 @@ void MultisymplecticSystem::compile() {
   }
   source_ = std::make_shared<const formula::Bytecode>(sources_, variables_);
   const auto upper = formula::hessian_upper(S_, z);
-  std::vector<bool> is_piecewise;
-  std::ranges::transform(z, std::back_inserter(is_piecewise), [this](const formula::Expression& field) {
-    return formula::is_piecewise(S_, std::array{field});
-  });
+  const bool has_pieces = formula::is_piecewise(S_, z);
+  // |u| has a slope that changes where u = 0, and a second derivative that is 0 on either side.
+  const auto changes_slope = [&](int i, int j) {
+    return formula::is_piecewise(outputs[static_cast<std::size_t>(1 + i)], z.subspan(static_cast<std::size_t>(j), 1));
+  };
   const int d = field_count();
   constant_hessian_ = Eigen::MatrixXd::Zero(d, d);
   std::size_t next = 0;
   for (int i = 0; i < d; ++i) {
     for (int j = i; j < d; ++j) {
       const formula::Expression entry = upper[next++];
-      // |u| has a slope that changes where u = 0, and a second derivative that is 0 on either side.
-      const bool has_pieces = is_piecewise[static_cast<std::size_t>(i)] && is_piecewise[static_cast<std::size_t>(j)];
-      if (entry.is_constant() && !has_pieces) {
+      const bool is_in_pieces = has_pieces && (changes_slope(i, j) || changes_slope(j, i));
+      if (entry.is_constant() && !is_in_pieces) {
         constant_hessian_(i, j) = constant_hessian_(j, i) = entry.constant_value();
       } else {
         varying_.push_back({i, j});
-        if (has_pieces || depends_on(*graph_, entry, fields_)) {
+        if (is_in_pieces || depends_on(*graph_, entry, fields_)) {
           nonlinear_.push_back({i, j});
         }
         outputs.push_back(entry);
