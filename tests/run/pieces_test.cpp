@@ -19,7 +19,8 @@ namespace {
 
 /// The largest error of the first field or coordinate against [exact] at the end.
 double error_of(const std::string& text, const Settings& settings) {
-  const Outcome outcome = run(parse_problem(text, "pieces.toml", settings), {});
+  const Folder folder;
+  const Outcome outcome = run(parse_problem(text, "pieces.toml", settings), {.output = folder / "a.h5"});
   REQUIRE(outcome.complete);  // whatever the verdict: that on a force which is switched on is open
   return outcome.statistics.errors.front().value.largest();
 }

@@ -399,14 +399,14 @@ TEST_CASE("solve: multipliers do not depend on the unit of momenta, nor the inde
                                            "initial.q=1"};
   const auto solved = [&](std::vector<std::string> more) {
     more.insert(more.end(), common.begin(), common.end());
-    SolveOutcome outcome = solve_problem(problem_with(more), {});
+    SolveOutcome outcome = solve_problem(problem_with(more), {.output = Folder() / "a.h5"});
     REQUIRE(outcome.status == ExitStatus::done);
     return outcome;
   };
-  for (const char* m : {"1", "1e-20", "1e15"}) {
+  for (const double m : {1.0, 1e-12, 1e15}) {
     INFO(m);
-    const SolveOutcome outcome = solved({fmt::format("parameters.m={}", m), "hamiltonian.H=m*((p/m)^2/2 - cos(q))",
-                                         "parameters.E=-0.2*m", "scheme.until=7"});
+    const SolveOutcome outcome = solved({fmt::format("hamiltonian.H={0}*((p/{0})^2/2 - cos(q))", m),
+                                         fmt::format("parameters.E={}", -0.2 * m), "scheme.until=7"});
     REQUIRE(outcome.multipliers.size() == 2);
     for (const std::complex<double>& multiplier : outcome.multipliers) {
       CHECK(std::abs(multiplier - 1.0) < 1e-6);  // double, so to the root of what its matrix is off by
@@ -423,8 +423,8 @@ TEST_CASE("solve: a jump of an orbit that closes leaves H as it is") {
     try {
       static_cast<void>(
           solve_problem(problem_with({"solve.ends=periodic", "solve.energy=2", "initial.q=0", "initial.p=2.5",
-                                      "scheme.until=2.6", "solve.jump={ q = " + jump + " }"}),
-                        {}));
+                                      "scheme.until=2.6", "solve.jump={ q = \"" + jump + "\" }"}),
+                        {.output = Folder() / "a.h5"}));
     } catch (const ProblemError& error) {
       return error.what();
     }
