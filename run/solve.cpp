@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/ode/continuation.hpp>
 #include <rubato/ode/second_variation.hpp>
 #include <rubato/problem/formula_table.hpp>
@@ -520,6 +521,7 @@ SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
   outcome.closes = problem.solve->closes();
   const std::string file = options.output.value_or(problem.output.file);
   refuse_existing(file, options.overwrite);
+  const Interruptible here(options.interrupt);
   try {
     if (problem.multisymplectic() != nullptr) {
       solve_lattice(problem, options, file, outcome);
@@ -532,6 +534,10 @@ SolveOutcome solve_problem(const Problem& problem, const RunOptions& options) {
     throw;
   } catch (const std::invalid_argument& error) {
     throw ProblemError(problem.solve->location, error.what());
+  } catch (const Interrupted&) {
+    outcome.status = ExitStatus::interrupted;
+    outcome.message = "interrupted; nothing was written";
+    return outcome;
   }
   if (!outcome.found()) {
     outcome.status = ExitStatus::failed;

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <rubato/base/interrupt.hpp>
 #include <rubato/solve/tuning.hpp>
 
 namespace rubato::solve {
@@ -28,6 +29,7 @@ public:
   /// \param fraction λ of the last step; of this one when it returns
   bool take(const VectorXd& residual, VectorXd& u, double& fraction) {
     for (double damping = least_damping; damping <= most_damping; damping *= damping_factor) {
+      Interruptible::end_if_asked();
       if (equations_.factor(damping) != Status::success || equations_.solve(residual, correction_) != Status::success) {
         continue;
       }
@@ -77,6 +79,7 @@ NewtonSearch find_zero(Equations& equations, double tolerance, std::size_t most_
   DampedStep step(equations);
   double fraction = 1.0;
   for (std::size_t iteration = 0; iteration < most_iterations && largest(residual) > least_residual; ++iteration) {
+    Interruptible::end_if_asked();
     VectorXd next = u;
     const double before = largest(residual), length = u.norm();
     const bool moved = step.take(residual, next, fraction);

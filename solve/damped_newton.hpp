@@ -56,6 +56,7 @@ struct NewtonSearch {
 /// from the solution, and not residuals in units of their own.
 /// \param tolerance of the largest residual; below it the iteration goes on down to rounding
 /// \param history receives every iteration, with this number of the stage
+/// \throws Interrupted between iterations, if that is asked for
 [[nodiscard]] NewtonSearch find_zero(Equations& equations, double tolerance, std::size_t most_iterations, int stage,
                                      Eigen::VectorXd& u, std::vector<NewtonIteration>& history);
 

@@ -124,6 +124,7 @@ def _of_members(reader, ending=None, file=None) -> Summary:
     how = {} if ending is None else dict(status=ending.status, message=ending.message, warnings=ending.warnings)
     table = ending.table if ending else ""
     if file is None:  # the record is gone
+        how["message"] = how["message"].partition("; continue with")[0]
         table = "".join(line for line in table.splitlines(True) if not line.startswith("  record "))
     summary = Summary(table, ending.json if ending else "", file=file, **how)
     summary.members = {path[len("/members/"):]: reader.read(path) for path, *_ in reader.datasets()
@@ -394,7 +395,10 @@ def converge(problem, tolerance=None, *, settings=None, threads=0, progress=None
     if tolerance is not None and real(tolerance, "tolerance") <= 0:
         raise ValueError(f"tolerance is above 0, and not {tolerance!r}")
     ending = _with_progress(progress, lambda tick: _core.converge(read, tolerance, threads_of(threads), tick))
-    return Summary(ending.table, ending.json, status=ending.status, message=ending.message, warnings=ending.warnings)
+    study = Summary(ending.table, ending.json, status=ending.status, message=ending.message, warnings=ending.warnings)
+    if study.status == 130:
+        raise Interrupted(study)
+    return study
 
 
 def solve(problem, conditions=None, output=None, *, overwrite=False, settings=None, threads=0, **overrides):
@@ -429,9 +433,8 @@ def solve(problem, conditions=None, output=None, *, overwrite=False, settings=No
     with _Place(output) as place:
         ending = _core.solve(read, place, overwrite or output is None, threads_of(threads))
         if not ending.verdict:
-            _warn(ending.warnings)
-            return Summary(ending.table, ending.json, status=ending.status, message=ending.message,
-                           warnings=ending.warnings)
+            return _finish(Summary(ending.table, ending.json, status=ending.status, message=ending.message,
+                                   warnings=ending.warnings))
         result = Result(_core.Reader(place), read, ending, file=place)
         return _finish(result if output is not None else result.in_memory())
 

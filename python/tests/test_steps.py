@@ -277,6 +277,22 @@ class Steps(unittest.TestCase):
             self.assertIn("resume", half.message)
             self.assertIn(f"{half.figures['steps']} steps", repr(half))
         self.assertTrue(rb.integrate(KEPLER, START, (0, 1), step=0.02).success)  # the next one is not interrupted
+        pressed.clear()
+        with self.assertRaises(rb.Interrupted) as caught:
+            rb.converge("pendulum", until=1e9, every=100000, progress=press)
+        self.assertEqual(caught.exception.result.status, 130)
+        pressed.clear()
+        with self.assertRaises(rb.Interrupted) as caught:
+            rb.scan("pendulum", {"initial.p": [1.0, 1.5]}, until=1e9, progress=press)
+        self.assertNotIn("resume", caught.exception.result.message)
+
+    def test_ctrl_c_ends_a_search(self):
+        # A search of minutes, that the first iterations are interrupted of.
+        key = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+        key.start()
+        with self.assertRaises(rb.Interrupted) as caught:
+            rb.solve("pendulum", {"ends": "periodic", "energy": 0.9}, settings=["initial.p=1.9"], until=63, step=1e-4)
+        self.assertEqual(caught.exception.result.status, 130)
 
     def test_what_a_callback_raises(self):
         def fail(t, end):
